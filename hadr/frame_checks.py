@@ -160,8 +160,8 @@ def told_color(
     if not len(skin) or (warm := float(np.median(skin[:, 0] - skin[:, 2]))) >= LEAST_WARM:
         return ()
     return (
-        f"where the hand is, red exceeds blue by {warm:.0f} of 255, by 23 and more in training: is "
-        "the picture gray, are red and blue swapped, or is there no hand?",
+        f"where the hand is, red exceeds blue by {warm:.0f} of 255, in the bundled frames by 23 "
+        "and more: is the picture gray, are red and blue swapped, or is there no hand?",
     )
 
 

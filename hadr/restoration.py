@@ -115,8 +115,13 @@ class _Known:
             yield "the mask is not given, in training it was the true one"
         if self.hand is not None and self.hand.source != GIVEN:
             yield f"the hand was found by {self.hand.source}, in training it was the true one"
-        if self.hand is not None:
-            yield from told_color(self.color, self.camera, self.target, self.hand.keypoints)
+        yield from self.odd_color()
+
+    def odd_color(self) -> tuple[str, ...]:
+        """What the hand's pixels say of the picture's colours, in words."""
+        if self.hand is None or not self.hand.accepted:
+            return ()
+        return told_color(self.color, self.camera, self.target, self.hand.keypoints)
 
     @property
     def keypoints(self) -> Points | None:
@@ -267,6 +272,7 @@ class Restorer:
                 known = replace(known, hand=hand)
             known, filled = self._fill(known, notes)
             hand = known.hand
+            notes += self._unused(filled.method, given is not None, known.keypoints, hand_mask)
         else:
             notes.append("nothing to restore: the depth is as measured")
             filled = _Filled(clean, np.zeros_like(clean), target, "none")
@@ -318,6 +324,7 @@ class Restorer:
         note_measured(known.depth, known.target, trusted, skipped_by, notes)
         if isinstance(network, str):
             method = self._without_network(network, notes)
+            notes += known.odd_color()
             holes = known.target & ~valid_depth(seen)
             filled = classical.fill(
                 method, known.depth, holes, known.camera, known.keypoints, known.hand_mask
@@ -335,6 +342,20 @@ class Restorer:
         if known.hand is not None and known.hand.doubtful:
             sure, tolerance = np.zeros_like(sure), None
         return known, _Filled(filled, sure, known.target, network.kind, tolerance, answer.ground)
+
+    def _unused(
+        self, method: str, given: bool, keypoints: Points | None, hand_mask: BoolArray | None
+    ) -> Iterator[str]:
+        """What was given or found and not used, in words."""
+        finder = self.finder
+        if finder is not None and given:
+            yield f"the hand is given: {finder.name} was not used"
+        if keypoints is not None and method in ("nearest", "inpaint"):
+            yield f"{method} does not look at the hand"
+        asked = finder is not None and not given and finder.needs_hand_mask
+        looked = method == "hand-median" or asked
+        if hand_mask is not None and not looked:
+            yield f"{method} does not look at the hand mask"
 
     def _fitting(self, hand_is_known: bool) -> DepthNetwork | str:
         """The network that fits the frame, or why there is none."""

@@ -331,6 +331,15 @@ def test_an_earlier_result_is_only_replaced_when_asked(frame, capsys) -> None:
     assert (frame / "out" / "mine.txt").read_text() == "keep"
 
 
+def test_a_truth_of_another_frame_is_named(frame, capsys) -> None:
+    depth = cv2.imread(str(frame / "depth.png"), cv2.IMREAD_UNCHANGED)
+    for name, off, said in (("near", 30, False), ("far", 120, True)):
+        cv2.imwrite(str(frame / f"{name}.png"), depth + np.uint16(off) * (depth > 0))
+        line = [*words(frame, out=frame / name), "--truth", str(frame / f"{name}.png")]
+        assert main(line) == 0
+        assert ("outside of the mask by 12 cm" in capsys.readouterr().out) == said
+
+
 def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> None:
     def full_disk(*_: object) -> None:
         raise OSError(28, "No space left on device")

@@ -377,6 +377,24 @@ def test_skin_that_is_gray_or_blue_gives_no_probability(tmp_path) -> None:
         assert f"red exceeds blue by {excess} of 255" in said[name][1][0]
 
 
+def test_what_is_given_and_not_used_is_named() -> None:
+    color, depth, mask = frame()
+    arm = np.zeros_like(mask)
+    arm[50:, 10:40] = True
+
+    def notes(method: str, **more) -> str:
+        return "; ".join(restore(color, depth, CAMERA, mask, method=method, **more).notes)
+
+    assert "does not look at" not in notes("nearest")
+    assert "nearest does not look at the hand" in notes("nearest", keypoints=hand())
+    assert "inpaint does not look at the hand mask" in notes("inpaint", hand_mask=arm)
+    assert "does not look at" not in notes("hand-median", keypoints=hand(), hand_mask=arm)
+    said = notes("nearest", keypoints=hand())
+    assert "red exceeds blue" not in said
+    color = color[..., ::-1].copy()
+    assert "red exceeds blue by -50 of 255" in notes("nearest", keypoints=hand())
+
+
 @pytest.mark.parametrize("method", ["nearest", "inpaint", "hand-median"])
 def test_without_learning_trust_means_to_keep_what_was_measured(method: str) -> None:
     color, depth, mask = frame()

@@ -13,8 +13,8 @@ from typing import Any
 
 from hadr.records.checkout import checkout_root
 from hadr.records.dependencies import code_digest, named_modules
-from hadr.records.provenance import machine_text, provenance, write_json
-from hadr.records.result_file import digest, seal_row, sealed_row
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import digest, seal_row, sealed_row, write_sealed
 
 RECORD = "chapter.json"
 
@@ -83,8 +83,7 @@ def keep_results(
         "machine": machine_text(),
         "provenance": provenance(),
     }
-    write_json(out / "results.json", whole)
-    return whole
+    return write_sealed(out / "results.json", whole)
 
 
 def _code(notebook: Path) -> str:

@@ -31,7 +31,8 @@ from hadr.press.chapters import (
 from hadr.records.checkout import checkout_root
 from hadr.records.option_words import FOLDER, LARGEST_SEED, MOST_JOBS, check_range
 from hadr.records.output_folder import check_own, make_output_folder
-from hadr.records.writing import sole_owner, write_whole
+from hadr.records.result_file import is_sealed_page, sealed_page
+from hadr.records.writing import set_aside, sole_owner, write_whole
 from hadr.simulation.trials.command import check_packages
 from hadr.training.recipe import Accelerator
 
@@ -262,5 +263,8 @@ def write_report(out: Path, size: str) -> None:
         return
     if published.exists() and any((out / "tables" / f"{name}.json").exists() for name in TITLES):
         text = f"# The paper's tables, and ours\n\n{report(out / 'tables', published, size)}"
-        write_whole(out / "report.md", text)
-        print(f"the report: {out / 'report.md'}")
+        path = out / "report.md"
+        if path.is_file() and not is_sealed_page(path):
+            set_aside(path)
+        write_whole(path, sealed_page(text))
+        print(f"the report: {path}")

@@ -16,6 +16,7 @@ import json
 import os
 import shutil
 import sys
+import tempfile
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
@@ -53,6 +54,10 @@ def check_file(path: str | Path | None, **fields: str) -> None:
     parent = next(part for part in path.absolute().parents if part.exists())
     if not os.access(parent, os.W_OK | os.X_OK):
         raise ValueError(f"can't write {path}: no permission for the folder {parent}")
+    try:  # as root, and on some file systems, a permission is no promise
+        tempfile.TemporaryFile(dir=parent).close()
+    except OSError as error:
+        raise ValueError(f"can't write {str(path)!r}: {error.strerror} in {parent}") from error
     if path.is_symlink() or (path.exists() and not path.is_file()):
         raise ValueError(f"{path} is a link or a device, which is not replaced; name another file")
     if path.exists() and fields and not wrote(path, **fields):
@@ -88,20 +93,14 @@ def check_free(path: Path | None) -> None:
 def wrote(path: Path, **fields: str) -> bool:
     """Whether a file is a command's own record: JSON with these fields, each of which begins so.
 
-    Where it is closed by a checksum (`hadr.records.result_file`), it must still fit.
+    It must fit the checksum that closes it (`hadr.records.result_file`).
     """
-    from hadr.records.result_file import unchanged  # `make clean` does without
+    from hadr.records.result_file import is_sealed  # `make clean` does without
 
-    try:
-        found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
-    except (OSError, ValueError, RecursionError):
+    if not path.is_file() or not is_sealed(path):
         return False
-    if not isinstance(found, dict):
-        return False
-    where = found.get("provenance")
-    sealed = "sha256" in found or (isinstance(where, dict) and "sha256" in where)
-    own = all(name in found and str(found[name]).startswith(text) for name, text in fields.items())
-    return own and (not sealed or unchanged(found))
+    found = json.loads(path.read_text(encoding="utf-8"))
+    return all(name in found and str(found[name]).startswith(text) for name, text in fields.items())
 
 
 def check_folder(path: str | Path) -> None:

@@ -19,6 +19,7 @@ from typing import Any
 
 from hadr.records.provenance import plain, write_json
 from hadr.records.reading import read_json, structured
+from hadr.records.writing import set_aside
 
 
 @dataclass(frozen=True)
@@ -73,15 +74,18 @@ def write_result_file(
     write_sealed(path, {"what": what, "rows": list(rows), "provenance": dict(provenance)})
 
 
-def write_sealed(path: str | Path, content: Mapping[str, Any]) -> None:
+def write_sealed(path: str | Path, content: Mapping[str, Any]) -> dict[str, Any]:
     """Write plain values with a checksum beside their ``provenance``, whole or not at all.
 
-    KeyError where nothing stands under ``provenance``, TypeError for what has no form in JSON.
+    Gives what was written. A file that was changed since is kept beside it
+    (`hadr.records.writing.set_aside`). KeyError where nothing stands under ``provenance``,
+    TypeError for what has no form in JSON.
     """
     sealed = dict(plain(content))
     sealed["provenance"] = {k: v for k, v in sealed["provenance"].items() if k != "sha256"}
     sealed["provenance"]["sha256"] = digest(sealed)
-    write_json(Path(path), sealed)
+    _replace(Path(path), sealed)
+    return sealed
 
 
 def read_sealed(path: str | Path) -> dict[str, Any]:
@@ -132,6 +136,15 @@ class _Result(_Sealed):
     rows: list[dict[str, Any]]
 
 
+def is_sealed(path: Path) -> bool:
+    """Whether a file is JSON that fits the checksum in it."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and unchanged(content)
+
+
 def unchanged(content: Mapping[str, Any]) -> bool:
     """Whether JSON that was read still fits its checksum, at the top or under ``provenance``."""
     where = content.get("provenance")
@@ -163,9 +176,15 @@ def sealed_row(path: Path, configuration: Mapping[str, Any]) -> dict[str, Any] |
 
 
 def seal_row(path: Path, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Write a row with the checksum by which `sealed_row` knows it."""
+    """Write a row with the checksum by which `sealed_row` knows it; what it replaces as above."""
     content = dict(plain(row))
     content.pop("sha256", None)
     content["sha256"] = digest(content)
-    write_json(path, content)
+    _replace(path, content)
     return content
+
+
+def _replace(path: Path, content: Mapping[str, Any]) -> None:
+    if path.is_file() and not is_sealed(path):
+        set_aside(path)
+    write_json(path, content)

@@ -63,6 +63,14 @@ def write_whole(path: Path, content: str | bytes) -> None:
         part.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
+def set_aside(path: Path) -> None:
+    """Keep a file that somebody changed under another name, and say so, before it is replaced."""
+    names = (path.with_name(f"{path.name}.changed{n}") for n in ("", *range(2, 1000)))
+    kept = next(name for name in names if not name.exists())
+    path.rename(kept)
+    print(f"{path} was changed since it was written; it is kept as {kept}", file=sys.stderr)
+
+
 def write_arrays(path: Path, **arrays: npt.NDArray[Any]) -> None:
     """Write a compressed ``.npz``, whole or not at all; its folder is made."""
     import numpy as np

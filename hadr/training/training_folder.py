@@ -22,7 +22,7 @@ from torch import nn
 
 from hadr.records.provenance import provenance
 from hadr.records.reading import structured
-from hadr.records.writing import write_whole
+from hadr.records.writing import set_aside, write_whole
 from hadr.training.checkpoints import (
     adam_state,
     load_checkpoint,
@@ -178,7 +178,10 @@ class TrainingFolder:
         writer = csv.DictWriter(text, fieldnames=names)
         writer.writeheader()
         writer.writerows(history)
-        write_whole(self.path / HISTORY, text.getvalue())
+        path, content = self.path / HISTORY, text.getvalue().encode()
+        if path.is_file() and not content.startswith(path.read_bytes()):
+            set_aside(path)
+        write_whole(path, content)
 
     def _check_same(self, meta: Mapping[str, Any]) -> None:
         """Refuse to go on with another network, recipe, seed or other data."""

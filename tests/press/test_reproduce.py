@@ -11,7 +11,7 @@ from hadr.cli import main
 from hadr.experiments.steps import seconds_text
 from hadr.press import reproduce
 from hadr.records.checkout import checkout_root
-from hadr.records.result_file import read_result_file
+from hadr.records.result_file import is_sealed_page, read_result_file
 
 
 @pytest.fixture(autouse=True)
@@ -32,7 +32,16 @@ def test_runs_end_in_tables_and_a_report(
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "## Known objects" in text
     assert "## Unknown objects" in text
-    assert {p.name for p in (tmp_path / "tables").iterdir()} == {"known.json", "unknown.json"}
+    tables = {"known.json", "unknown.json"}
+    assert {p.name for p in (tmp_path / "tables").iterdir()} == tables
+    assert run("--only", "raw", "--out", tmp_path) == 0  # again, over its own
+    assert {p.name for p in (tmp_path / "tables").iterdir()} == tables
+    changed = "report.md", "tables/known.json", "runs/known/raw/seed-0/row.json"
+    for name in changed:
+        (tmp_path / name).write_text("mine")
+    assert run("--only", "raw", "--out", tmp_path) == 0
+    assert [(tmp_path / f"{name}.changed").read_text() for name in changed] == ["mine"] * 3
+    assert is_sealed_page(tmp_path / "report.md")
 
 
 def test_a_run_of_the_ledger_alone_needs_no_report(tmp_path: Path) -> None:

@@ -103,12 +103,13 @@ def test_what_is_no_folder_is_refused(checkout, tmp_path):
 
 def test_only_a_file_of_the_same_command_is_replaced(tmp_path):
     own = tmp_path / "own.json"
-    own.write_text('{"what": "Confidence of net", "rows": []}')
+    seal_row(own, {"what": "Confidence of net", "rows": []})
     check_file(own, what="Confidence of", rows="")
     check_file(tmp_path / "new.json", what="Confidence of")
     sealed, row = tmp_path / "sealed.json", tmp_path / "row.json"
     write_sealed(sealed, {"what": "Confidence of net", "provenance": {"commit": "a"}})
     seal_row(row, {"what": "Confidence of net"})
+    (tmp_path / "bare.json").write_text('{"what": "Confidence of net"}')
     for path in (sealed, row):
         check_file(path, what="Confidence of")
         path.write_text(path.read_text().replace("of net", "of nets"))
@@ -119,6 +120,7 @@ def test_only_a_file_of_the_same_command_is_replaced(tmp_path):
     for path, fields, says in (
         (own, {"what": "handover attempts"}, "is not replaced: no earlier run"),
         (own, {"what": "", "split": ""}, "is not replaced: no earlier run"),
+        (tmp_path / "bare.json", {"what": ""}, "is not replaced: no earlier run"),
         (sealed, {"what": ""}, "is not replaced: .* or it was changed since"),
         (row, {"what": ""}, "is not replaced: .* or it was changed since"),
         (tmp_path / "net.safetensors", {"what": ""}, "is not replaced: no earlier run"),

@@ -8,6 +8,7 @@ from hadr.records.result_file import (
     read_result_file,
     read_result_files,
     read_sealed,
+    seal_row,
     write_result_file,
     write_sealed,
 )
@@ -69,6 +70,23 @@ def test_a_file_written_again_is_signed_again(written):
     found = read_result_file(written)
     write_result_file(written, "again", found.rows[:1], found.provenance)
     assert read_result_file(written).what == "again"
+
+
+def test_what_was_changed_since_is_kept_when_it_is_written_again(written, tmp_path, capsys):
+    row = tmp_path / "row.json"
+    for path, write in (
+        (written, lambda: write_result_file(written, "again", [{"a": 1}], {})),
+        (row, lambda: seal_row(row, {"a": 1})),
+    ):
+        for number in ("", "2"):
+            write()
+            write()  # as it was written: nothing to keep
+            path.write_text(f"mine{number}")
+            write()
+            kept = path.with_name(f"{path.name}.changed{number}")
+            assert kept.read_text() == f"mine{number}"
+            assert f"it is kept as {kept}" in capsys.readouterr().err
+        assert len(list(path.parent.glob(f"{path.name}.changed*"))) == 2
 
 
 def test_a_row_must_be_the_only_one(written):

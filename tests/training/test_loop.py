@@ -242,6 +242,20 @@ def test_the_best_epoch_is_mended_after_a_kill_between_two_files(
     assert same_weights(whole.model, load_checkpoint(two / LAST)[0])
 
 
+def test_a_history_that_somebody_changed_is_kept(
+    micro: Preset, frames: FrameTensors, tmp_path: Path
+) -> None:
+    again = partial(train, micro, frames, folder=tmp_path, progress=False)
+    again(stop_after=1)
+    again(resume=True, stop_after=2)
+    history = tmp_path / "history.csv"
+    assert not list(tmp_path.glob("*.changed*")), "it had grown, and nothing else"
+    history.write_text("mine")
+    again(resume=True)
+    assert (tmp_path / "history.csv.changed").read_text() == "mine"
+    assert history.read_text().startswith("epoch,")
+
+
 def test_the_average_of_the_weights_is_the_result_and_is_resumed(
     tmp_path: Path, micro: Preset, frames: FrameTensors, through: tuple[Trained, Path]
 ) -> None:

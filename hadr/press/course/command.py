@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import json
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from hadr.records.checkout import checkout_root
 from hadr.records.option_words import CHAPTER, FOLDER, LARGEST_SEED, check_range
 from hadr.records.output_folder import check_output_folder, wrote
 from hadr.records.reading import read_json
+from hadr.records.result_file import seal_row
 from hadr.records.writing import whole_folder
 
 MANIFEST = "course.json"
@@ -188,5 +188,4 @@ def written_whole(out: Path, about: Mapping[str, Any]) -> Iterator[Path]:
     with whole_folder(out, MADE_BY, partial(check_target, out)) as fresh:
         yield fresh
         content = {"made_by": MADE_BY, **about, "files": _checksums(fresh)}
-        text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
-        (fresh / MANIFEST).write_text(text, encoding="utf-8")
+        seal_row(fresh / MANIFEST, content)

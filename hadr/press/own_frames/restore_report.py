@@ -26,6 +26,8 @@ from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 from hadr.restoration import Restoration
 from hadr.trained_finders import GIVEN, Hand
 
+OTHER_TRUTH_M = 0.05
+"""From here on a truth is not of this frame: outside of the glass a camera measures far better."""
 METHOD_TITLES = {
     **{kind: f"{NETWORKS[kind].title} (not HADR)" for kind in DEPTH_NETWORKS},
     "hadr": "HADR",
@@ -55,6 +57,13 @@ def report(
             f"{int(result.mask.sum())} pixels, and no depth was measured or restored in these"
         )
     if truth is not None:
+        both = ~result.mask & valid_depth(truth) & valid_depth(depth)
+        off = float(np.median(np.abs(truth - depth)[both])) if both.any() else 0.0
+        if off > OTHER_TRUTH_M:
+            notes.append(
+                f"the truth differs from what was measured outside of the mask by {100 * off:.3g} "
+                "cm in the median: is it of this frame, in the same unit?"
+            )
         both = result.mask & valid_depth(truth) & valid_depth(depth)
         if both.any() and (truth == depth)[both].all():
             notes.append(

@@ -15,6 +15,7 @@ import tyro
 from hadr.camera import Intrinsics, back_project, valid_depth
 from hadr.frame_io import read_depth, read_mask, read_point_colors
 from hadr.press.own_frames.restore_command import VIEW
+from hadr.records.caches import file_sha256
 from hadr.records.option_words import FILE, FOLDER
 from hadr.records.output_folder import check_file, wrote
 from hadr.records.reading import read_json
@@ -85,22 +86,19 @@ def clouds(folder: Path) -> list[Cloud]:
 
     if not wrote(folder / "report.json", command="hadr restore"):
         raise ValueError(
-            f"{folder} holds no result of 'hadr restore' (no report.json of it); of a sequence, "
-            "name the folder of one frame"
+            f"{folder} holds no result of 'hadr restore' (no report.json of it, or one that was "
+            "changed since); of a sequence, name the folder of one frame"
         )
     report = read_json(folder / "report.json")
-    try:
-        camera = Intrinsics.from_dict(report["intrinsics"])
-        title, size = str(report["method_title"]), camera.shape
-    except (KeyError, TypeError, ValueError) as error:
-        said = error if isinstance(error, ValueError) else repr(error)
-        raise ValueError(f"{folder / 'report.json'} is damaged: {said}") from error
+    for name in ("depth.npy", "mask.png", "confidence.npy", "cloud.ply"):
+        path = folder / name
+        if not path.is_file() or report["outputs"][name]["sha256"] != file_sha256(path):
+            raise ValueError(f"{path} is missing, or was changed since: restore the frame again")
+    camera, title = Intrinsics.from_dict(report["intrinsics"]), report["method_title"]
     depth, mask = read_depth(folder / "depth.npy"), read_mask(folder / "mask.png")
     sure = read_depth(folder / "confidence.npy")  # an image of numbers like depth
     there = valid_depth(depth)
     colors = read_point_colors(folder / "cloud.ply")
-    if {depth.shape, mask.shape, sure.shape} != {size} or len(colors) != there.sum():
-        raise ValueError(f"the files of {folder} are not of one frame: restore it again")
     if not len(colors):
         raise ValueError(f"{folder} holds no depth at all: there is no cloud to show")
     points = back_project(depth, camera)[there]

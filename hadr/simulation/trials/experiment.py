@@ -17,7 +17,7 @@ import os
 import signal
 import threading
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -31,7 +31,8 @@ import torch
 from hadr.handover.stages import Stage, Transition
 from hadr.records.caches import file_sha256
 from hadr.records.provenance import plain, record_of
-from hadr.records.result_file import digest, seal_row, sealed_row
+from hadr.records.result_file import digest, is_sealed, seal_row, sealed_row
+from hadr.records.writing import set_aside
 from hadr.simulation.film.film import film_frames, write_film
 from hadr.simulation.trials import TRIAL_HOLDS, TRIAL_OBJECTS
 from hadr.simulation.trials.trial import Condition, Trial, run_trial
@@ -181,6 +182,7 @@ def _attempt(trial: Trial, out: Path) -> dict[str, Any]:
     sha = digest(trial.record)  # of the code as it is before the attempt
     run = run_trial(trial)
     files = _companions(path)
+    _keep_changed(path, files)
     save_states(files["states_sha256"], run.states)
     run.log.save(files["log_sha256"])
     sums = {name: file_sha256(file) for name, file in files.items()}
@@ -188,6 +190,15 @@ def _attempt(trial: Trial, out: Path) -> dict[str, Any]:
     changes = [[t.time, t.before.value, t.after.value, t.reason] for t in run.transitions]
     described = {"trial": plain(record_of(trial)), **outcome, **sums}
     return seal_row(path, {**described, "transitions": changes})
+
+
+def _keep_changed(path: Path, files: Mapping[str, Path]) -> None:
+    """Set files aside that are not as the row of their attempt says."""
+    if path.is_file() and is_sealed(path):  # without a row it was never finished
+        sums = read_row(path)
+        for name, file in files.items():
+            if file.is_file() and sums.get(name) != file_sha256(file):
+                set_aside(file)
 
 
 def finished_attempt(

@@ -96,7 +96,7 @@ def _check_settings(root: Path, record: dict[str, Any]) -> None:
         )
     before = recorded_settings(root)
     if not before:
-        check_file(root / SETTINGS_FILE, hadr="")
+        _check_settings_file(root / SETTINGS_FILE)
         return
     if differing := [
         f"{name} is {before.get(name)!r} there, {record.get(name)!r} here"
@@ -107,6 +107,13 @@ def _check_settings(root: Path, record: dict[str, Any]) -> None:
             f"the frames in {root} are made with other settings: {'; '.join(differing)}. "
             "Go on with the same settings, or choose another folder"
         )
+
+
+def _check_settings_file(path: Path) -> None:
+    """Refuse to replace settings of no frames that this command did not write."""
+    check_file(path)
+    if path.exists() and "hadr" not in structured(read_json(path), dict[str, Any], path):
+        raise ValueError(f"{path} is not replaced: no earlier run of this command wrote it")
 
 
 def _clean(root: Path) -> None:

@@ -110,6 +110,7 @@ def test_files_that_are_gone_or_cut_are_made_again(made: Counter[Trial], tmp_pat
             times += 1
             assert made[trial] == times
             assert is_finished(tmp_path, trial)
+        assert (folder / f"{name}.changed2").read_bytes() == b"", "what was there is kept"
     (folder / "0010-922-log.npz").unlink()
     assert not is_finished(tmp_path, trial)
     assert len(finished_attempt(tmp_path, trial)[1]) > 50  # for a film it is not needed
