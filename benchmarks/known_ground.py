@@ -157,7 +157,7 @@ def drawn(name: str, part: str, number: int) -> Frame:
     labelled = replace(scene, contents=plain.contents) if name == "opaque" else scene
     labels = RayTracer(labelled.contents).labels(scene.camera, scene.world_from_camera)
     color = photograph(scene, seed=settings.seed + number, samples=settings.samples)
-    raw = capture_depth(scene, settings.seed + number, COARSE if name == "sensor" else None)
+    raw = capture_depth(scene, settings.seed + number, COARSE if name == "sensor" else StereoCamera())
     return frame_of(scene, recipe, color, labels, raw)
 
 
@@ -285,6 +285,16 @@ def all_sets(
             if name == "no-hand":
                 invented = [one for f in frames for one in found_hand(f, glass=False)]
                 sets["no-hand, keypoints found by the networks"] = (False, invented)
+    for frame, other in zip(samples, samples[11:] + samples[:11], strict=True):
+        beside = {n: np.roll(getattr(frame, n), 15, 1) for n in ("color", "object_mask")}
+        for name, given in (
+            ("colour and mask of another frame", vars(other)),
+            ("colour and mask 15 px beside", beside),
+        ):
+            mask = given["object_mask"]
+            depth = np.where(mask, 0, frame.depth)
+            one = shown(frame, color=given["color"], mask=mask, measured=depth)
+            sets.setdefault(name, (None, []))[1].append(one)
     sets["keypoints shifted"] = (False, [shifted(f, rng) for f in samples])
     for frame in samples:
         for name, mask in other_masks(frame, rng).items():
