@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.backbone import imagenet_normal
-from hadr.models.blocks.efficientnet_lite import LiteConfig
+from hadr.models.blocks.efficientnet_lite import CHANNELS, LiteConfig
 from hadr.models.blocks.resnet import ResNetUNet, UNetConfig
 from hadr.models.config import NetworkConfig
 from hadr.models.hand.crop import HandCrop
@@ -37,7 +37,7 @@ class SegmentationConfig(NetworkConfig):
             there; None looks once.
 
     Raises:
-        ValueError: The first class is not the object.
+        ValueError: The first class is not the object, or the EfficientNet-Lite0 lacks stages.
     """
 
     unet: UNetConfig = field(default_factory=lambda: RESNET_34)
@@ -48,6 +48,8 @@ class SegmentationConfig(NetworkConfig):
     def __post_init__(self) -> None:
         if self.classes[:1] != ("object",):
             raise ValueError(f"the first class must be 'object', got {self.classes}")
+        if self.lite and self.lite.stages < len(CHANNELS):
+            raise ValueError(f"lite must have {len(CHANNELS)} stages, got {self.lite.stages}")
 
 
 class SegmentationNet(nn.Module):
@@ -60,7 +62,7 @@ class SegmentationNet(nn.Module):
     def __init__(self, config: SegmentationConfig) -> None:
         super().__init__()
         self.config = config
-        self.unet = ResNetUNet(config.unet, 0 if config.lite else 3, config.lite)
+        self.unet = ResNetUNet(config.unet, 3, config.lite)
         self.head = nn.Conv2d(config.unet.decoder[-1], 4 * len(config.classes), 3, padding=1)
 
     def forward(self, color: Tensor) -> Tensor:

@@ -6,7 +6,7 @@ the rate that did best in four short trials on validation frames (`benchmarks/tu
 scaled to a minute, was not tuned, and shows every part at work. `imagenet` is `mini` made to see:
 colour goes through an EfficientNet-Lite0 with ImageNet's weights, which learns at a tenth of the
 rate, and every network looks through a window around hand and glass; for frames of 320x180. What
-finds the glass looks twice, and what finds the hand sees its colour, too.
+finds the glass looks twice; what finds the hand sees no colour, and goes on from `mini`'s weights.
 """
 
 from __future__ import annotations
@@ -341,7 +341,7 @@ _SEGMENTATION_SEES = replace(
     precision="32-true",
     encoder_rate=0.1,
 )
-_KEYPOINTS_SEES = _seeing(_KEYPOINTS_MINI, 16, {"crop": 96, "lite": LiteConfig(stages=4)})
+_KEYPOINTS_SEES = _seeing(_KEYPOINTS_MINI, 24, {}, learning_rate=1e-3)  # from mini's weights on
 
 RECIPES: tuple[Preset, ...] = (
     *(_HADR_TINY, _HADR_MINI, _HADR_PAPER),

@@ -93,53 +93,37 @@ def _adapt_first(resnet: Any, channels: int) -> None:
 class ResNetUNet(nn.Module):
     """From a picture of so many channels to features at half of its resolution.
 
-    With `lite` an EfficientNet-Lite0 of four stages looks at sRGB in 0..1: beside the ResNet, their
-    maps joined, or in its place where that has no channels.
-
-    Raises:
-        ValueError: The EfficientNet-Lite0 has fewer stages.
+    With `lite` an EfficientNet-Lite0 of four stages is the encoder instead, of sRGB in 0..1.
     """
 
     def __init__(self, config: UNetConfig, channels: int, lite: LiteConfig | None = None) -> None:
         super().__init__()
-        widths = [0] * (1 + _STAGES)  # of strides 2, 4, 8, 16, 32
-        if channels:
-            self.resnet = build_resnet(config, channels)
-            widths = [config.widths[0], *config.widths]
         if lite:
-            if lite.stages < _STAGES:
-                raise ValueError(f"lite must have {_STAGES} stages, got {lite.stages}")
-            self.lite = EfficientNetLite0(lite)
-            widths = [a + b for a, b in zip(widths, (HALF, *lite.channels), strict=True)]
-        *skips, last = widths
-        below = (last, *config.decoder[:-1])
+            self.lite, widths, half = EfficientNetLite0(lite), lite.channels, HALF
+        else:
+            self.resnet, widths = build_resnet(config, channels), config.widths
+            half = widths[0]
+        skips = (*reversed(widths[:-1]), half)  # strides 16, 8, 4, 2
+        below = (widths[-1], *config.decoder[:-1])
         self.blocks = nn.ModuleList(
             _DecoderBlock(low + skip, out)
-            for low, skip, out in zip(below, reversed(skips), config.decoder, strict=True)
+            for low, skip, out in zip(below, skips, config.decoder, strict=True)
         )
 
-    def forward(self, *pictures: Tensor) -> Tensor:
+    def forward(self, picture: Tensor) -> Tensor:
         """Compute features (B, decoder[-1], ceil(H / 2), ceil(W / 2)) of pictures (B, C, H, W).
-
-        There is one for each encoder, the ResNet's first, all of one size.
 
         The ResNet's feature in row i, column j is centred on the picture's pixel (2 i, 2 j).
         Lite0's reach beyond the picture where its size is no multiple of 32.
         """
-        seen = [self._maps(name, one) for name, one in zip(self.encoders, pictures, strict=True)]
-        *skips, values = [torch.cat(maps, dim=1) for maps in zip(*seen, strict=True)]
+        *skips, values = self._maps(picture)
         for block, skip in zip(self.blocks, reversed(skips), strict=True):
             values = block(values, skip)  # (B, decoder[b], twice as high, twice as wide)
         return values
 
-    @property
-    def encoders(self) -> list[str]:
-        """Names of those that it has."""
-        return [name for name in ("resnet", "lite") if hasattr(self, name)]
-
-    def _maps(self, encoder: str, picture: Tensor) -> list[Tensor]:
-        """An encoder's maps of strides 2, 4, 8, 16 and 32."""
-        if encoder == "lite":
+    def _maps(self, picture: Tensor) -> list[Tensor]:
+        """The encoder's maps of strides 2, 4, 8, 16 and 32."""
+        if hasattr(self, "lite"):
             return self.lite(picture, half=True)  # type: ignore[no-any-return]
         resnet: Any = self.resnet
         half = resnet.embedder.embedder(picture)  # (B, widths[0], H / 2, W / 2)

@@ -45,22 +45,20 @@ class HandCube:
             Depth in the cube, -1 = its front, shape (B, 1, size, size); 1 where depth is missing,
             outside of the image, and before or behind the cube.
         """
-        found = self.sample(depth[:, None], "nearest")
-        relative = (found - self.center[:, 2, None, None, None]) / (self.side_m / 2)
-        inside = (found > 0) & (relative > -1) & (relative < 1)
-        return torch.where(inside, relative, torch.ones_like(relative))
-
-    def sample(self, pictures: Tensor, mode: str = "bilinear") -> Tensor:
-        """Cut crops (B, C, size, size) out of pictures (B, C, H, W); 0 outside of them."""
-        height, width = pictures.shape[2:]
+        height, width = depth.shape[1:]
         middle, reach = self._middle_and_reach()
-        across = (torch.arange(self.size, device=pictures.device) + 0.5) * (2 / self.size) - 1
+        across = (torch.arange(self.size, device=depth.device) + 0.5) * (2 / self.size) - 1
         u = middle[:, :1] + across * reach[:, :1]  # (B, size)
         v = middle[:, 1:] + across * reach[:, 1:]  # (B, size)
         x = ((2 * u + 1) / width - 1)[:, None, :].expand(-1, self.size, -1)
         y = ((2 * v + 1) / height - 1)[:, :, None].expand(-1, -1, self.size)
         grid = torch.stack((x, y), dim=-1)  # (B, size, size, 2)
-        return functional.grid_sample(pictures, grid, mode=mode, align_corners=False)
+        found = functional.grid_sample(
+            depth[:, None], grid, mode="nearest", align_corners=False
+        )  # (B, 1, size, size)
+        relative = (found - self.center[:, 2, None, None, None]) / (self.side_m / 2)
+        inside = (found > 0) & (relative > -1) & (relative < 1)
+        return torch.where(inside, relative, torch.ones_like(relative))
 
     def points(self, crop: Tensor, stride: int = 1) -> tuple[Tensor, Tensor]:
         """Give the surface point (u, v, d) of every n-th pixel of what `crop` gave, (B, 3, h, w).

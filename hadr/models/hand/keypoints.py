@@ -4,8 +4,7 @@ A U-Net with a ResNet-18 encoder looks at the depth in a cube around the hand an
 adaptive weighting regression (`hadr.models.hand.weighted_regression`) turns them into keypoints.
 Where the cube lies follows from the hand's mask alone (`hadr.models.hand.cube.hand_center`): no
 truth is needed. What is not hand is blanked first, so the network sees neither the background nor
-what a camera measures through the glass. With `lite` it sees the same crop of the picture as well,
-and so the fingers behind the glass, of which there is no depth.
+what a camera measures through the glass.
 
 Source: paper, "Hand feature", and reference section 2; Huang et al. 2020, "AWR".
 """
@@ -17,13 +16,11 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
-from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.blocks.resnet import ResNetUNet, UNetConfig
 from hadr.models.config import NetworkConfig
 from hadr.models.hand.cube import HandCube, hand_center
 from hadr.models.hand.weighted_regression import JointMaps, joints_of_maps
-from hadr.models.network_input import HADRInput, float_color
-from hadr.records.provenance import IF_CHANGED
+from hadr.models.network_input import HADRInput
 
 KEYPOINTS = 21
 MAP_STRIDE = 2
@@ -40,40 +37,29 @@ class HandKeypointConfig(NetworkConfig):
         cube_m: Side of the cube in metres.
         reach: The regression's k: from this distance on a pixel's heat is 0; 1 is half of the
             cube's side.
-        lite: An EfficientNet-Lite0 of four stages looks at the colour, too.
-
-    Raises:
-        ValueError: With `lite` the crop is no multiple of 32.
     """
 
     unet: UNetConfig = field(default_factory=UNetConfig)
     crop: int = 128
     cube_m: float = 0.3
     reach: float = 1.0
-    lite: LiteConfig | None = field(default=None, metadata=IF_CHANGED)
-
-    def __post_init__(self) -> None:
-        if self.lite and self.crop % 32:  # as their maps are joined
-            raise ValueError(f"crop must be a multiple of 32 with lite, got {self.crop}")
 
 
 class HandKeypointNet(nn.Module):
-    """From a crop of depth, and of colour if it looks at it, to the dense maps of 21 joints."""
+    """From a depth crop to the dense maps of 21 joints."""
 
     def __init__(self, config: HandKeypointConfig) -> None:
         super().__init__()
         self.config = config
-        self.unet = ResNetUNet(config.unet, 1, config.lite)
+        self.unet = ResNetUNet(config.unet, 1)
         self.head = nn.Conv2d(config.unet.decoder[-1], KEYPOINTS * 5, 1)
 
-    def forward(self, crop: Tensor, color: Tensor) -> JointMaps:
+    def forward(self, crop: Tensor) -> JointMaps:
         """Compute the maps, of half of the crop's size rounded up, of crops (B, 1, S, S).
 
-        A crop is depth in the cube, -1..1, 1 = nothing; colour, of the same pixels, sRGB in 0..1,
-        (B, 3, S, S).
+        A crop is depth in the cube, -1..1, 1 = nothing.
         """
-        seen = self.unet(crop, color) if self.config.lite else self.unet(crop)
-        values = self.head(seen)  # (B, 105, h, w)
+        values = self.head(self.unet(crop))  # (B, 105, h, w)
         batch, _, height, width = values.shape
         maps = values.view(batch, KEYPOINTS, 5, height, width)
         return JointMaps(offset=maps[:, :, :3], heat=maps[:, :, 3], weight=maps[:, :, 4])
@@ -110,8 +96,7 @@ def predict_keypoints(model: HandKeypointNet, inputs: HADRInput, hand: Tensor) -
     """
     cube, crop, points, valid = _crop(model.config, inputs, hand)
     with torch.no_grad():
-        maps = model(crop, cube.sample(float_color(inputs.color)))
-        joints = joints_of_maps(maps, points, valid, model.config.reach)  # (B, 21, 3)
+        joints = joints_of_maps(model(crop), points, valid, model.config.reach)  # (B, 21, 3)
     return cube.out_of(joints)
 
 

@@ -22,7 +22,6 @@ from hadr.models.hand.keypoints import (
     predict_keypoints,
 )
 from hadr.models.hand.weighted_regression import JointMaps, joints_of_maps, maps_of_joints
-from hadr.models.network_input import float_color
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.losses import shared_mean
 from hadr.training.recipe import Preset
@@ -63,7 +62,7 @@ def losses(
     seen = seen & valid.flatten(1).any(dim=1)
     valid = valid | ~seen[:, None, None]
     joints = cube.into(batch.true_keypoints)  # (B, 21, 3)
-    found = model(crop, cube.sample(float_color(inputs.color)))
+    found = model(crop)
     terms = keypoint_losses(found, joints, points, valid, seen, config.reach)
     return terms | {"error_m": terms["error_m"] * (cube.side_m / 2)}
 

@@ -6,7 +6,6 @@ import pytest
 import torch
 from torch import nn
 
-from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.blocks.resnet import UNetConfig
 from hadr.models.hand.keypoints import (
     HandKeypointConfig,
@@ -58,7 +57,7 @@ class Oracle(nn.Module):
         super().__init__()
         self.inputs, self.keypoints = inputs, keypoints
 
-    def forward(self, crop: torch.Tensor, _color: torch.Tensor) -> JointMaps:
+    def forward(self, crop: torch.Tensor) -> JointMaps:
         cube = hand_cube(SMALL, self.inputs, hand_of(self.inputs))
         points, valid = cube.points(crop, 2)
         return maps_of_joints(cube.into(self.keypoints), points, valid, SMALL.reach)
@@ -80,28 +79,6 @@ def test_what_is_not_hand_has_no_say() -> None:
     torch.testing.assert_close(predict_keypoints(model, inputs, hand), before)
     inputs.depth[:, 40:50, 80:100] += 0.04
     assert (predict_keypoints(model, inputs, hand) - before).abs().max() > 1e-4
-
-
-def test_a_network_with_lite_sees_the_crop_s_colors_and_no_others() -> None:
-    """Of the picture's other pixels, and of the same ones where there is no lite, nothing."""
-    torch.manual_seed(0)
-    inputs, _ = frames()
-    hand = hand_of(inputs)
-    lite = LiteConfig(stages=4, pretrained=False)
-    sees = HandKeypointNet(replace(SMALL, crop=64, lite=lite)).eval()
-    for model, moved in ((sees, True), (HandKeypointNet(SMALL).eval(), False)):
-        before = predict_keypoints(model, inputs, hand)
-        away, near = inputs.color.clone(), inputs.color.clone()
-        away[:, :, :, :20] = 0.9  # 0.3 m are 70 pixels, around column 85
-        near[:, :, 40:50, 60:70] = 0.9  # through the glass
-        other = predict_keypoints(model, replace(inputs, color=away), hand)
-        torch.testing.assert_close(other, before)
-        other = predict_keypoints(model, replace(inputs, color=near), hand)
-        assert bool((other != before).any()) == moved
-    with pytest.raises(ValueError, match="crop must be a multiple of 32 with lite, got 48"):
-        replace(SMALL, lite=lite)
-    with pytest.raises(ValueError, match="lite must have 4 stages, got 3"):
-        HandKeypointNet(replace(SMALL, crop=64, lite=replace(lite, stages=3)))
 
 
 def test_a_mirrored_hand_gives_the_mirrored_keypoints_of_mirrored_maps() -> None:
@@ -149,7 +126,7 @@ def test_a_frame_without_a_hand_is_named() -> None:
 def test_every_weight_gets_a_gradient() -> None:
     torch.manual_seed(0)
     model = HandKeypointNet(SMALL)
-    maps = model(torch.rand(2, 1, 48, 48) * 2 - 1, torch.zeros(2, 3, 48, 48))
+    maps = model(torch.rand(2, 1, 48, 48) * 2 - 1)
     assert maps.offset.shape == (2, 21, 3, 24, 24)
     assert maps.heat.shape == maps.weight.shape == (2, 21, 24, 24)
     (maps.offset.sum() + maps.heat.square().sum() + maps.weight.square().sum()).backward()
