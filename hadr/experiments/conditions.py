@@ -46,14 +46,14 @@ CHECKPOINTS = _checkpoints()
 TRUE = "all true"
 
 
-def keypoints_given(size: str) -> dict[str, Given]:
-    """What the table of keypoints compares, by its words, with a preset."""
-    return {TRUE: Given(), "predicted keypoints": Given(keypoints=_finder("hand-keypoints", size))}
+def keypoints_given(bench: Bench) -> dict[str, Given]:
+    """What the table of keypoints compares, by its words."""
+    return {TRUE: Given(), "predicted keypoints": Given(keypoints=str(_finders(bench)[1]))}
 
 
-def masks_given(size: str) -> dict[str, Given]:
+def masks_given(bench: Bench) -> dict[str, Given]:
     """What the table of masks compares; no sensor was simulated for preset imagenet's frames."""
-    masks, hands = (_finder(kind, size) for kind in ("segmentation", "hand-keypoints"))
+    masks, hands = map(str, _finders(bench))
     both = "predicted mask and keypoints"
     found = {
         TRUE: Given(),
@@ -62,13 +62,26 @@ def masks_given(size: str) -> dict[str, Given]:
         both: Given(masks=masks, keypoints=hands),
         f"simulated sensor, {both}": Given("sensor", masks, hands),
     }
-    return {n: g for n, g in found.items() if size != "imagenet" or g.corruption != "sensor"}
+    near = bench.size == "imagenet"
+    return {n: given for n, given in found.items() if not (near and given.corruption == "sensor")}
 
 
-def _finder(kind: str, size: str) -> str:
-    """The bundled network that finds masks or keypoints in frames like those of a preset."""
-    of = "imagenet" if size == "imagenet" else "mini"
-    return str(CHECKPOINTS / f"{kind}-{of}.safetensors")
+def has_finders(bench: Bench) -> bool:
+    """Whether the networks that find masks and keypoints are there."""
+    return bench.size != "imagenet" or all(path.is_file() for path in _finders(bench))
+
+
+def _finders(bench: Bench) -> tuple[Path, Path]:
+    """Those that find masks and keypoints: bundled ones, or of preset imagenet OUT/nets has them.
+
+    That preset's frames show glass nearer than any that the bundled ones have learned from.
+    """
+    kinds = "segmentation", "hand-keypoints"
+    if bench.size == "imagenet":
+        masks, hands = (bench.out / "nets" / kind / LAST for kind in kinds)
+    else:
+        masks, hands = (CHECKPOINTS / f"{kind}-mini.safetensors" for kind in kinds)
+    return masks, hands
 
 
 WITH_HAND = ("hand-median", "hadr", "hadr-long", "unet-hand", "hadr-plus")
@@ -227,9 +240,9 @@ def _first_seed(bench: Bench, method: str) -> int:
     return min(numbers, default=0)
 
 
-def conditions_of(seeds: Mapping[str, int], size: str) -> list[tuple[Run, str, Given]]:
+def conditions_of(seeds: Mapping[str, int], bench: Bench) -> list[tuple[Run, str, Given]]:
     """List the conditions that the two tables need for some methods, each once."""
-    masks, keypoints = masks_given(size), keypoints_given(size)
+    masks, keypoints = masks_given(bench), keypoints_given(bench)
     wanted = {
         (name, method): given
         for conditions, those in ((keypoints, WITH_HAND), (masks, IN_CONDITIONS))

@@ -22,6 +22,7 @@ from hadr.experiments.conditions import (
     WITH_HAND,
     conditions_of,
     finished_condition,
+    has_finders,
     measure_condition,
 )
 from hadr.experiments.protocol import (
@@ -177,11 +178,14 @@ def _epochs_left(bench: Bench, run: Run) -> tuple[int, int]:
 
 
 def _conditions(bench: Bench, runs: Sequence[Run]) -> list[tuple[Run, str, Given]]:
-    """What the tables of conditions need of these runs; with another corruption, nothing."""
-    if bench.corruption != "oracle":
+    """What the tables of conditions need of these runs; with another corruption, nothing.
+
+    Nor without the networks that find masks and keypoints.
+    """
+    if bench.corruption != "oracle" or not has_finders(bench):
         return []
     seeds = {run.method: run.seed for run in reversed(runs) if run.experiment == "known"}
-    return conditions_of(seeds, bench.size)
+    return conditions_of(seeds, bench)
 
 
 def measure_all(bench: Bench, runs: Sequence[Run], tables: str | Path, *, jobs: int = 1) -> None:

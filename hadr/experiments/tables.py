@@ -22,6 +22,7 @@ from hadr.experiments.conditions import (
     IN_CONDITIONS,
     WITH_HAND,
     condition_rows,
+    has_finders,
     keypoints_given,
     masks_given,
 )
@@ -62,10 +63,10 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
         for method, pair in against_next(rows, found, split, holds.get(split)).items():
             found[split, method]["against_next"] = pair
     gaps = against(rows, "known", ABLATION["full"], holds.get("known"))
-    oracle = bench.corruption == "oracle"
+    oracle = bench.corruption == "oracle" and has_finders(bench)
     conditions = {
-        "keypoints": (keypoints_given(bench.size), WITH_HAND),
-        "segmentation": (masks_given(bench.size), IN_CONDITIONS),
+        "keypoints": (keypoints_given(bench), WITH_HAND),
+        "segmentation": (masks_given(bench), IN_CONDITIONS),
     }
     tables: dict[str, list[dict[str, Any]]] = {
         "known": [found[key] for m in METHODS if (key := ("known", m)) in found],

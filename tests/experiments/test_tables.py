@@ -31,7 +31,8 @@ from hadr.press.report import DEFAULT, ledger_table, tuning_table
 from hadr.records.result_file import read_result_file, seal_row, write_result_file
 from hadr.training.recipe import Preset
 
-KEYPOINTS, MASKS = keypoints_given("tiny"), masks_given("tiny")
+BENCH = Bench([], Path("out"), "tiny")
+KEYPOINTS, MASKS = keypoints_given(BENCH), masks_given(BENCH)
 PUBLISHED = Path(__file__).resolve().parents[2] / "results" / "paper_tables.json"
 
 
@@ -190,8 +191,8 @@ def test_conditions_are_measured_once_and_sealed(made: tuple[Bench, Path]) -> No
 
 def test_each_condition_is_listed_once() -> None:
     seeds = {"hadr": 2, "dfnet": 0, "raw": 0}
-    assert {run.seed for run, _, _ in conditions_of(seeds, "tiny") if run.method == "hadr"} == {2}
-    listed = [(run.method, name) for run, name, _ in conditions_of(seeds, "tiny")]
+    assert {run.seed for run, _, _ in conditions_of(seeds, BENCH) if run.method == "hadr"} == {2}
+    listed = [(run.method, name) for run, name, _ in conditions_of(seeds, BENCH)]
     assert len(listed) == len(set(listed))
     assert {name for method, name in listed if method == "hadr"} == {*KEYPOINTS, *MASKS}
     assert {name for method, name in listed if method == "dfnet"} == set(MASKS)
