@@ -157,7 +157,9 @@ def drawn(name: str, part: str, number: int) -> Frame:
     labelled = replace(scene, contents=plain.contents) if name == "opaque" else scene
     labels = RayTracer(labelled.contents).labels(scene.camera, scene.world_from_camera)
     color = photograph(scene, seed=settings.seed + number, samples=settings.samples)
-    raw = capture_depth(scene, settings.seed + number, COARSE if name == "sensor" else StereoCamera())
+    raw = capture_depth(
+        scene, settings.seed + number, COARSE if name == "sensor" else StereoCamera()
+    )
     return frame_of(scene, recipe, color, labels, raw)
 
 

@@ -179,10 +179,10 @@ def score_bar(
 
 
 def show_choice(ax: Any, scene: HeldScene, grasps: Grasps, scores: npt.ArrayLike) -> None:
-    """Draw a hand with its glass, 14 candidates shaded by their score, and the winner."""
+    """Draw a hand with its glass, 7 candidates shaded by their score, and the winner."""
     value = np.asarray(scores, dtype=np.float64)
     best = int(value.argmax())
-    some = np.random.default_rng(4).permutation(len(value))[:14]
+    some = np.random.default_rng(4).permutation(len(value))[:7]
     shade = mpl.colormaps["Greys"](0.15 + 0.5 * (value - value.min()) / (np.ptp(value) or 1.0))
     show_hand(ax, scene.keypoints)
     show_glass(ax, scene.item, scene.base_from_object)
