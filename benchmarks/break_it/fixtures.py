@@ -14,6 +14,7 @@ import numpy as np
 from break_it.cases import CHECKOUT, GENERATE, NEAREST
 from break_it.worker import snapshot
 from hadr.models.hand.hand_model_command import PARTS
+from hadr.records.result_file import write_sealed
 
 COPIED = ("hadr", "notebooks", "book", "results", "data_samples", "README.md", "pyproject.toml",
           "LICENSE", "CITATION.cff", "Makefile")  # fmt: skip
@@ -144,5 +145,5 @@ def make_build(build: Path) -> None:
     chapters = sorted((CHECKOUT / "notebooks").glob("*.ipynb"))
     shutil.copy(CHECKOUT / "notebooks/03_ray_voxels.ipynb", build / "executed")
     times = {chapter.stem: {"duration_s": 1.5, "machine": "m"} for chapter in chapters}
-    text = json.dumps({"parameters": {"preset": "tiny", "seed": 0}, "chapters": times})
-    (build / "results.json").write_text(text)
+    content = {"parameters": {"preset": "tiny", "seed": 0}, "chapters": times, "provenance": {}}
+    write_sealed(build / "results.json", content)

@@ -72,7 +72,7 @@ def has_finders(bench: Bench) -> bool:
 
 
 def _finders(bench: Bench) -> tuple[Path, Path]:
-    """Those that find masks and keypoints: bundled ones, or of preset imagenet OUT/runs/nets has them.
+    """Those that find masks and keypoints: bundled ones; of preset imagenet those in OUT/runs/nets.
 
     That preset's frames show glass nearer than any that the bundled ones have learned from.
     """
