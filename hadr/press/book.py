@@ -57,6 +57,7 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{FOUND}}": found_table,
     "{{FOUND_RULES}}": found_rules,
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
+    "{{CONDITIONS_IMAGENET}}": lambda results: conditions_table(results / "imagenet"),
     "{{REAL}}": lambda results: real_table(results / "real" / "cleargrasp_d435.json"),
     "{{SWITCHES}}": lambda results: switches_table(results / "training" / "switches.json"),
     "{{TUNING}}": lambda results: captioned(
