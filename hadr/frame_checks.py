@@ -32,7 +32,7 @@ SEES_DEG = (40, 125)
 LARGEST_MASK = 0.75
 """Share of the picture that glass may cover; what covers more is an inverted mask."""
 LEAST_WARM = 5.0
-"""Red less blue at the hand's joints, of 255, in the median: 23 to 90 in the bundled frames, for
+"""Red less blue at the hand's joints, of 255, in the median: 23 and more in the bundled frames, for
 skin of any kind is redder than blue; 0 in a gray picture, negative where the two are swapped."""
 GLASS_M = (0.025, 0.30)
 """How large a glass is, the root of its area; those of the bundled training frames seem 5.0 to 11.3

@@ -68,7 +68,7 @@ def set_aside(path: Path) -> None:
     names = (path.with_name(f"{path.name}.changed{n}") for n in ("", *range(2, 1000)))
     kept = next(name for name in names if not name.exists())
     path.rename(kept)
-    print(f"{path} was changed since it was written; it is kept as {kept}", file=sys.stderr)
+    print(f"{path} is not as a run of this version wrote it; it is kept as {kept}", file=sys.stderr)
 
 
 def write_arrays(path: Path, **arrays: npt.NDArray[Any]) -> None:
