@@ -18,6 +18,7 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 Result = TypeVar("Result")
 
@@ -56,6 +57,9 @@ def read_only(value: Result) -> Result:
 def kept(maxsize: int) -> Callable[[Callable[..., Result]], _lru_cache_wrapper[Result]]:
     """Decorate a function as `functools.lru_cache` does; its results become `read_only`.
 
+    It runs on one thread of OpenBLAS, which rounds otherwise when it shares a product out: whoever
+    asks first does not decide the last digit.
+
     Args:
         maxsize: How many results are kept, those asked for last.
     """
@@ -64,7 +68,8 @@ def kept(maxsize: int) -> Callable[[Callable[..., Result]], _lru_cache_wrapper[R
         @lru_cache(maxsize=maxsize)
         @wraps(function)
         def computed(*args: Any, **kwargs: Any) -> Result:
-            return read_only(function(*args, **kwargs))
+            with threadpool_limits(1, user_api="blas"):
+                return read_only(function(*args, **kwargs))
 
         return computed
 

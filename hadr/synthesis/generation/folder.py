@@ -12,8 +12,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hadr import __version__
 from hadr.data.frame import frame_log_path, frame_places
+from hadr.data.frame_pictures import check_whole, decode_depth_array
 from hadr.records.output_folder import check_file, check_folder
 from hadr.records.reading import read_json, structured
 from hadr.records.writing import sole_owner, write_whole
@@ -52,7 +55,11 @@ def settings_record(settings: GenerationSettings) -> dict[str, Any]:
 def whole_frames(
     root: Path, recipes: Sequence[FrameRecipe], settings: GenerationSettings
 ) -> set[int]:
-    """Indices of the frames that lie in a folder with all their files; lists each folder once."""
+    """Indices of the frames that lie in a folder with all their files; lists each folder once.
+
+    A ``ValueError`` names a file that was damaged since: nobody but its owner can say whether the
+    frame may be made again.
+    """
     listed: dict[Path, frozenset[str]] = {}
 
     def present(path: Path) -> bool:
@@ -75,8 +82,27 @@ def whole_frames(
         if settings.normals == "none":
             del places["normals"]
         if all(present(base / place) for place in places.values()):
+            for place in places.values():
+                _check_undamaged(base / place)
             found.add(recipe.index)
     return found
+
+
+def _check_undamaged(path: Path) -> None:
+    """Check that a frame's file can be read."""
+    try:
+        if path.suffix == ".json":
+            structured(read_json(path), dict[str, Any], path)
+        elif path.suffix == ".txt":
+            np.loadtxt(path)
+        else:
+            (decode_depth_array if path.suffix == ".npy" else check_whole)(path.read_bytes())
+    except ValueError as error:
+        told = str(error).removeprefix(f"{path}: ").removeprefix(f"{path} ")
+        raise ValueError(
+            f"{path} was damaged after it was written ({told}); remove it, and the frame is made "
+            "again"
+        ) from error
 
 
 def recorded_settings(root: Path) -> dict[str, Any]:

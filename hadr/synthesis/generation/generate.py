@@ -17,6 +17,7 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
+from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import hadr
@@ -68,8 +69,12 @@ class GenerationReport:
 
 
 def _make_frames(recipes: tuple[FrameRecipe, ...], root: Path, settings: GenerationSettings) -> int:
-    """Make the frames of one hold; how many they are."""
-    with one_thread(cv2.getNumThreads, cv2.setNumThreads):
+    """Make the frames of one hold; how many they are.
+
+    One thread, as in a process of several: OpenBLAS rounds otherwise when it shares a product out.
+    """
+    single = one_thread(cv2.getNumThreads, cv2.setNumThreads)
+    with single, threadpool_limits(1, user_api="blas"):
         for recipe in recipes:
             _make_frame(recipe, root, settings)
     return len(recipes)
