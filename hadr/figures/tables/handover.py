@@ -88,14 +88,16 @@ def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]
 
 
 def motions_table(rows: Sequence[Row]) -> str:
-    """List each condition's successes by the motion of the hand."""
-    kinds = list(rows[0]["by_motion"])
+    """List each condition's successes by the motion of the hand, the best in bold."""
+    kinds, rows = list(rows[0]["by_motion"]), _ordered(rows)
     lines = [
         [CONDITIONS.get(row["condition"], row["condition"])]
         + ["{}/{}".format(*row["by_motion"][kind]) for kind in kinds]
-        for row in _ordered(rows)
+        for row in rows
     ]
-    return markdown(pd.DataFrame(lines, columns=["condition", *kinds]))
+    best = [number for number, row in enumerate(rows) if row["condition"] != "perfect"]
+    headings = ["condition", *(f"{kind} (successes)" for kind in kinds)]
+    return markdown(pd.DataFrame(lines, columns=headings), best=[best])
 
 
 def paired(first: Row, second: Row) -> tuple[int, int, float]:
