@@ -105,16 +105,23 @@ def show_run(states: Sequence[WorldState], transitions: Sequence[Transition]) ->
     low.set_xlabel("time (s)")
     span = (float(time[0]), float(time[-1]))
     for ax in axes:
-        _stage_bands(ax, transitions, span, named=ax is top)
+        stage_bands(ax, transitions, span, named=ax is top)
     low.set_xlim(span[0], max(span[1], span[0] + 1e-3))
     fig.align_ylabels(axes)
     return fig
 
 
-def _stage_bands(
+def stage_bands(
     ax: Axes, transitions: Sequence[Transition], span: tuple[float, float], *, named: bool
 ) -> None:
-    """Tint the time of each stage; name it above where there is room, at the end else."""
+    """Tint the time of each stage; name it above where there is room, at the end else.
+
+    Args:
+        ax: Axes over time.
+        transitions: The changes of stage.
+        span: First and last time, seconds.
+        named: Whether the names are written.
+    """
     edges = [span[0], *(change.time for change in transitions), span[1]]
     stages = [stage_at(span[0] - 1, transitions)[0], *(change.after for change in transitions)]
     length = max(span[1] - span[0], 1e-9)
@@ -124,11 +131,12 @@ def _stage_bands(
             ax.axvspan(left, right, color=stage_color(stage), alpha=0.13, lw=0, zorder=0)
         if over:
             ax.axvline(left, color=stage_color(stage), lw=2.5)
-        if named and (over or right - left > 0.14 * length):
+        if named and (over or right - left > 0.07 * length):
             at, align = ((left + right) / 2, "center")
-            if over and right - left < 0.14 * length:
+            if over and right - left < 0.07 * length:
                 at, align = right, "right"
             ax.text(
-                at, 1.02, stage.value, transform=ax.get_xaxis_transform(), ha=align, va="bottom",
+                at, 1.02, stage.value.replace(" ", "\n", 1) if right - left < 0.14 * length
+                else stage.value, transform=ax.get_xaxis_transform(), ha=align, va="bottom",
                 color=stage_color(stage), fontsize=9.5, fontweight="bold",
             )  # fmt: skip

@@ -5,7 +5,7 @@ the viewer, written in the frame in which the hand is given. Hands are given in 
 centimetres.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -119,26 +119,6 @@ def draw_depth_hint(
     histogram.hist(gap[np.isfinite(gap)], bins=15, color=COLORS["hand"])
     histogram.axvline(0, color="black", lw=1)
     histogram.set(xlabel="glass minus hand (cm)", ylabel="frames")
-
-
-def draw_numbered_joints(
-    ax: Axes,
-    points: npt.ArrayLike,
-    bones: Iterable[tuple[int, int]],
-    title: str,
-    *,
-    first: int = 0,
-    highlight: int | None = None,
-) -> None:
-    """Draw joints (J, 3), metres, as discs numbered from ``first``, seen along the frame's -z."""
-    flat = 100.0 * np.asarray(points, dtype=float)[:, :2]
-    for parent, child in bones:
-        ax.plot(*flat[[parent, child]].T, color=COLORS["raw"], zorder=1)
-    fill = [COLORS["highlight"] if i == highlight else "white" for i in range(len(flat))]
-    ax.scatter(flat[:, 0], flat[:, 1], s=190, c=fill, edgecolors="black", zorder=2)
-    for number, (x, y) in enumerate(flat, first):
-        ax.text(x, y, str(number), ha="center", va="center", fontsize=8.5)
-    ax.set(xlabel="x (cm)", aspect="equal", title=title)
 
 
 def draw_wrist_frame(
