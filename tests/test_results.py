@@ -668,10 +668,9 @@ def test_the_first_pages_film_is_what_its_words_say() -> None:
 
 def test_what_chapter_12_says_of_random_faults_is_so() -> None:
     rows = read_result_file(ROOT / "results" / "random_faults.json").rows
-    found = [
-        row for row in rows if row["unsafe"]
-    ]  # "Two runs count as unsafe, both for one reason"
-    assert len(rows) == 1000 and len(found) == 2
+    # "Two runs count as unsafe, both for one reason"
+    found = [row for row in rows if row["unsafe"]]
+    assert (len(rows), len(found)) == (1000, 2)
     for row in found:
         assert row["unsafe"].keys() == {"toward a hand unseen, m"}
         assert "the hand comes" in row["faults"]
