@@ -31,6 +31,7 @@ from hadr.confidence.known_ground import BEYOND
 from hadr.data.frame import Frame, frame_log_path, write_frame
 from hadr.data.samples import open_gallery, open_samples, samples_dir
 from hadr.data.transhand import TransHand
+from hadr.frame_checks import told_color
 from hadr.models.hand.plausible import NoHandError
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
@@ -208,6 +209,7 @@ def other_masks(frame: Frame, rng: np.random.Generator) -> dict[str, npt.NDArray
     mask = frame.object_mask
     rows, columns = np.nonzero(mask)
     middle = np.array([rows.mean(), columns.mean()])
+    quarter = rows.min() + (rows.max() - rows.min()) / 4
     mirrored = ndimage.shift(mask[:, ::-1], (0, 2 * middle[1] - mask.shape[1] + 1), order=0)
     hull = np.zeros(mask.shape, np.uint8)
     corners = cv2.convexHull(np.stack((columns, rows), axis=1).astype(np.int32))
@@ -215,7 +217,9 @@ def other_masks(frame: Frame, rng: np.random.Generator) -> dict[str, npt.NDArray
     way = rng.uniform(0, 2 * np.pi)
     away = np.linalg.norm(np.indices(mask.shape) - middle[:, None, None], axis=0)
     return {
+        "mask wider by 2 px": ndimage.distance_transform_edt(~mask) <= 2,
         "mask wider by 3 px": ndimage.distance_transform_edt(~mask) <= 3,
+        "the mask's outline alone": mask & (ndimage.distance_transform_edt(mask) <= 6),
         "mask mirrored": mirrored,
         "mask moved by 4 px": ndimage.shift(
             mask, 4 * np.array([np.sin(way), np.cos(way)]), order=0
@@ -224,6 +228,7 @@ def other_masks(frame: Frame, rng: np.random.Generator) -> dict[str, npt.NDArray
         "the hand's mask": frame.hand_mask,
         "the mask's convex hull": hull > 0,
         "the mask's upper half": mask & (np.indices(mask.shape)[0] < middle[0]),
+        "the mask without its upper quarter": mask & (np.indices(mask.shape)[0] >= quarter),
         "30 % taken out of the mask": mask & (np.random.default_rng(0).random(mask.shape) >= 0.3),
     }
 
@@ -297,6 +302,13 @@ def all_sets(
             depth = np.where(mask, 0, frame.depth)
             one = shown(frame, color=given["color"], mask=mask, measured=depth)
             sets.setdefault(name, (None, []))[1].append(one)
+    sets["colour and mask of the next frame, a camera's depth"] = (
+        None,
+        [
+            shown(there, color=frame.color, mask=frame.object_mask)
+            for frame, there in zip(samples, samples[1:] + samples[:1], strict=True)
+        ],
+    )
     sets["keypoints shifted"] = (False, [shifted(f, rng) for f in samples])
     for frame in samples:
         for name, mask in other_masks(frame, rng).items():
@@ -315,7 +327,8 @@ def restored(network: DepthNetwork, one: Shown) -> dict[str, Any]:
     measured = np.asarray(one.measured, np.float32)
     given = np.where(one.mask, 0, measured) if network.erases else measured
     arguments = (one.color, given.astype(np.float32), one.camera, one.mask, one.keypoints)
-    plain, asked = network.restore(*arguments), network.restore(*arguments, measured)
+    odd = told_color(one.color, measured, one.camera, one.mask, one.keypoints)
+    plain, asked = network.restore(*arguments), network.restore(*arguments, measured, odd)
     scored = plain.restored & (one.truth > 0)
     verdict = asked.ground
     assert network.ground is not None
@@ -398,7 +411,7 @@ def main() -> None:
     parser.add_argument("--part", choices=list(SEEDS), default="report")
     parser.add_argument("--sets", nargs="+", choices=list(SETS), default=list(SETS))
     parser.add_argument("--real", type=Path, default=real.real_folder(), help="ClearGrasp's frames")
-    bundled = sorted((samples_dir() / "checkpoints").glob("hadr*.safetensors"))
+    bundled = sorted((samples_dir() / "checkpoints").glob("hadr*-mini.safetensors"))
     parser.add_argument("--checkpoints", type=Path, nargs="+", default=bundled)
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()

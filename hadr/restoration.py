@@ -118,10 +118,10 @@ class _Known:
         yield from self.odd_color()
 
     def odd_color(self) -> tuple[str, ...]:
-        """What the hand's pixels say of the picture's colours, in words."""
+        """What the hand's pixels say of the picture, in words."""
         if self.hand is None or not self.hand.accepted:
             return ()
-        return told_color(self.color, self.camera, self.target, self.hand.keypoints)
+        return told_color(self.color, self.depth, self.camera, self.target, self.hand.keypoints)
 
     @property
     def keypoints(self) -> Points | None:

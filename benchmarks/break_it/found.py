@@ -311,7 +311,7 @@ FOUND_ONE_BY_ONE = [
                    says=("odd camera",)) for name, changed in (
         ("fx and cx swapped", {"fx": 31.5, "cx": 80}), ("cx and cy swapped", {"cx": 23.5, "cy": 31.5}),
         ("of twice the size", {"fx": 160, "fy": 160}), ("fx and fy swapped", {"fx": 80, "fy": 60}))),
-    *(call.case("noted", f"colour: {e}", ("rgb.png", "array", e), expect="noted", says=("red exceeds blue",))
+    *(call.case("noted", f"colour: {e}", ("rgb.png", "array", e), expect="noted", says=("redder than blue",))
       for call in (NETWORK, PLUS) for e in ("a[..., ::-1]", "a[..., [1, 1, 1]]")),
     *(call.case("picture", "the mask is inverted", ("mask.png", "array", "255 - a"), says=("inverted",))
       for call in (NEAREST, HAND, NETWORK)),

@@ -23,6 +23,7 @@ from hadr.records.option_words import CHAPTER, FOLDER, LARGEST_SEED, MOST_JOBS, 
 from hadr.records.output_folder import (
     check_file,
     check_output_folder,
+    check_own,
     check_removable,
     make_output_folder,
 )
@@ -72,6 +73,7 @@ def run(options: Options) -> int:
         if options.readme_times:
             update_readme(root / "README.md", readme_table(build, root))
             return 0
+        check_own(options.build)
         check_removable(build / "book")
         check_file(build / "results.json")  # one that is not of a run is kept beside it
         every = chapter_paths(root / "notebooks")

@@ -14,7 +14,9 @@ from typing import Any
 from hadr.records.checkout import checkout_root
 from hadr.records.dependencies import code_digest, named_modules
 from hadr.records.provenance import machine_text, provenance
-from hadr.records.result_file import digest, seal_row, sealed_row, write_sealed
+from hadr.records.reading import read_json
+from hadr.records.result_file import digest, is_sealed, seal_row, sealed_row, write_sealed
+from hadr.records.writing import set_aside
 
 RECORD = "chapter.json"
 
@@ -34,18 +36,34 @@ def chapter_configuration(notebook: Path, preset: str, seed: int) -> dict[str, A
 def finished_chapter(folder: Path, configuration: dict[str, Any], *made: Path) -> float | None:
     """Seconds that a chapter took in its folder OUT/results/NAME; None where it is unfinished.
 
-    It is finished for a `chapter_configuration`, and if the files that it has ``made`` are there.
+    It is finished for a `chapter_configuration`, and if what it has ``made`` is as it was then.
     """
     row = sealed_row(folder / RECORD, configuration)
-    if row is None or not all(path.is_file() for path in made):
+    if row is None or row.get("made") != _checksums(made):
         return None
     return float(row["duration_s"])
 
 
-def keep_chapter(folder: Path, configuration: dict[str, Any], duration_s: float) -> None:
-    """Note that a chapter is finished."""
+def keep_chapter(
+    folder: Path, configuration: dict[str, Any], duration_s: float, *made: Path
+) -> None:
+    """Note that a chapter is finished, and what it has made."""
     row = {"configuration": configuration, "duration_s": duration_s, "machine": machine_text()}
-    seal_row(folder / RECORD, {**row, "config_sha256": digest(configuration)})
+    row |= {"made": _checksums(made), "config_sha256": digest(configuration)}
+    seal_row(folder / RECORD, row)
+
+
+def keep_changed(folder: Path, *made: Path) -> None:
+    """Keep what somebody changed of a finished chapter, before it is executed again."""
+    if is_sealed(folder / RECORD):
+        before = read_json(folder / RECORD).get("made", {})
+        for path in made:
+            if path.is_file() and before.get(path.name) != _digest([path]):
+                set_aside(path)
+
+
+def _checksums(paths: Iterable[Path]) -> dict[str, str]:
+    return {path.name: _digest([path]) for path in paths if path.is_file()}
 
 
 def keep_results(

@@ -22,6 +22,7 @@ from hadr.press.chapter_record import (
     RECORD,
     chapter_configuration,
     finished_chapter,
+    keep_changed,
     keep_chapter,
 )
 from hadr.records.output_folder import CACHE
@@ -99,16 +100,17 @@ def run_notebooks(
     def run(notebook: Path) -> tuple[ChapterRun, bool]:
         target, folder, results = _places(notebook, out_dir)
         configuration = chapter_configuration(notebook, preset, seed)
-        before = finished_chapter(folder, configuration, target) if resume else None
+        before = finished_chapter(folder, configuration, target, results) if resume else None
         duration = before
         if duration is None:
             folder.mkdir(parents=True, exist_ok=True)
             target.parent.mkdir(parents=True, exist_ok=True)
+            keep_changed(folder, target, results)
             for stale in (results, folder / RECORD):
                 stale.unlink(missing_ok=True)
             parameters = {"preset": preset, "seed": seed, "out_dir": str(folder)}
             duration = _execute(notebook, target, parameters, shown=jobs == 1)
-            keep_chapter(folder, configuration, duration)
+            keep_chapter(folder, configuration, duration, target, results)
         found = results if results.exists() else None
         return ChapterRun(notebook.stem, duration, target, found), before is not None
 
@@ -287,9 +289,9 @@ def chapter_steps(
     """Describe the chapters as steps of a plan."""
     steps = []
     for notebook in notebooks:
-        target, folder, _ = _places(notebook, out_dir)
+        target, folder, results = _places(notebook, out_dir)
         configuration = chapter_configuration(notebook, preset, seed)
-        took = finished_chapter(folder, configuration, target)
+        took = finished_chapter(folder, configuration, target, results)
         left, seconds = ("execution", times.get(notebook.stem)) if took is None else ("done", took)
         steps.append(Step("chapters", notebook.stem, left, seconds, f"executed/{notebook.name}"))
     return steps

@@ -26,6 +26,9 @@ MARKER = ".made-by-hadr"
 _OURS = ".hadr-"  # how locks and drafts begin (`hadr.records.writing`)
 CACHE = "hadr-cache"
 """Name of the folder in which the Makefile and the chapters keep caches: no output of its own."""
+SETTINGS_FILE = "generation.json"
+"""What `hadr generate` writes beside the splits of its frames."""
+SPLITS = ("train", "val", "test")
 SOURCES = (
     "benchmarks", "binder", "book", "data_samples", "hadr", "notebooks", "results", "tests",
     ".ci", ".git", ".github",
@@ -104,17 +107,39 @@ def wrote(path: Path, **fields: str) -> bool:
 
 
 def check_folder(path: str | Path) -> None:
-    """Refuse a folder for results that is a file, or would lie in one.
+    """Refuse a folder for results that is a file, or would lie in one, or in a data set's split.
 
     Raises:
-        ValueError: It is, or it is a link that leads nowhere, such as to itself.
+        ValueError: It is, or does, or it is a link that leads nowhere, such as to itself.
     """
     path = Path(path)
+    check_apart(path)
     parts = (path, *path.parents)
     there = next((part for part in parts if part.is_symlink() or part.exists()), None)
     if there is not None and not there.is_dir():
         kind = "a file" if there.exists() else "a link that leads nowhere"
         raise ValueError(f"{path} can't be a folder: {there} is {kind}")
+
+
+def check_apart(path: str | Path, data: Iterable[str | Path] = ()) -> None:
+    """Refuse a place for results in a split of a data set, which could no longer be read.
+
+    Args:
+        path: The place.
+        data: Folders of frames; those that `hadr generate` made are known without being named.
+
+    Raises:
+        ValueError: It lies there.
+    """
+    named = {Path(folder).resolve() for folder in data}
+    place = Path(os.path.realpath(path))  # which bears links that lead nowhere
+    for part in (place, *place.parents):
+        root = part.parent
+        if part.name in SPLITS and (root in named or (root / SETTINGS_FILE).is_file()):
+            raise ValueError(
+                f"{path} lies among the frames of {root}, which could no longer be read: name "
+                "another place"
+            )
 
 
 def check_replaceable(

@@ -13,7 +13,7 @@ import tyro
 from hadr.corruption import Corruption
 from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID, LARGEST_SEED, check_range
-from hadr.records.output_folder import check_file, check_free
+from hadr.records.output_folder import check_apart, check_file, check_free
 from hadr.records.provenance import provenance
 
 if TYPE_CHECKING:
@@ -83,6 +83,22 @@ def _check_beside(checkpoint: Path) -> None:
         )
 
 
+def _check_learned(options: Options, learned: dict[str, Any], given: str) -> None:
+    """Check that the network has learned from these frames, if its record says from which."""
+    if learned.get("frames_sha256", given) == given:
+        return
+    words = (
+        f"{options.checkpoint.name} has learned from other frames than those of "
+        f"{', '.join(map(str, options.data))} (its record's frames_sha256 is not theirs)"
+    )
+    if not options.only_ground:
+        raise ValueError(
+            f"{words}: name the folders of its training in their order, and the same --objects; or "
+            "--only-ground, for a part of them"
+        )
+    print(f"note           {words}; the ground is right if they are a part of them")
+
+
 def run(options: Options) -> int:
     """Run `hadr calibrate`."""
     from hadr.confidence.calibration import ConfidenceRule
@@ -101,6 +117,7 @@ def run(options: Options) -> int:
 
     def check() -> None:
         check_file(options.out, what=_WHAT)
+        check_apart(options.out or "", options.data)
         check_free(options.out)
         check_free(options.checkpoint)
 
@@ -120,7 +137,7 @@ def run(options: Options) -> int:
         raise ValueError(f"{name} was never calibrated: leave --only-ground out")
     size = int(meta["width"]), int(meta["height"])
     tested = options.test_objects or options.objects
-    check_data(options.data, ("train", "val"), options.objects)
+    given = check_data(options.data, ("train", "val"), options.objects)
     check_data(options.data, ("test",), tested)
     learned_from, held_back, unseen = (
         _frames(options, split, objects)
@@ -134,6 +151,7 @@ def run(options: Options) -> int:
                 f"split {split} has {len(source)} frames of it, expected {LEAST_FRAMES} or more: "
                 "what is fitted on fewer says nothing of others"
             )
+    _check_learned(options, meta.get("data") or {}, given)
     additions: dict[str, Any] = {}
     if not options.only_ground:
         train, validation, test = (

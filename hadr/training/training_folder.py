@@ -198,7 +198,8 @@ class TrainingFolder:
         asked = json.loads(json.dumps({"recipe": recipe.to_dict(), "data": self.data}))
         stored = {"recipe": meta["preset"], "data": meta.get("data")}
         for part, values in asked.items():
-            for name in sorted(set(values or {}) | set(stored[part] or {})):
+            names = set(values or {}) | set(stored[part] or {})
+            for name in sorted(names, key=lambda name: (name != "epochs", name)):  # others follow
                 then, now = (stored[part] or {}).get(name), (values or {}).get(name)
                 longer = name == "epochs" and recipe.schedule == "step" and not recipe.milestones
                 if then != now and not longer:

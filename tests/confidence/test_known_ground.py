@@ -151,6 +151,8 @@ def test_a_torn_mask_is_named_with_its_pieces_and_holes() -> None:
     assert torn(whole) == ("the mask is torn: 3 pieces and 40 holes, expected a handful",)
     whole[12:28, 16:32] = True  # 8 holes are left
     assert torn(whole) == ()
+    whole[12:28, 12:48] = False
+    assert torn(whole) == ("the mask is hollow: 28 % of what its outline holds is in it",)
 
 
 @pytest.mark.parametrize("split", ["train", "val"])

@@ -21,8 +21,17 @@ def scene(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.clip(color + noise, 0, 255).astype(np.uint8), depth, mask
 
 
-@pytest.mark.parametrize(("right", "down"), [(15, 6), (-12, 9), (5, -20)])
-def test_a_depth_that_lies_beside_its_picture_is_told_with_the_move_that_mends_it(right, down):
+@pytest.mark.parametrize(
+    ("right", "down", "words"),
+    [
+        (15, 6, "15 pixels to the right and 6 down"),
+        (-12, 9, "12 pixels to the left and 9 down"),
+        (5, -20, "5 pixels to the right and 20 up"),
+    ],
+)
+def test_a_depth_that_lies_beside_its_picture_is_told_with_the_move_that_mends_it(
+    right, down, words
+):
     color, depth, mask = scene()
     moved = np.roll(depth, (-down, -right), axis=(0, 1))
     fit = fit_of_edges(color, moved, mask)
@@ -30,7 +39,7 @@ def test_a_depth_that_lies_beside_its_picture_is_told_with_the_move_that_mends_i
     np.testing.assert_allclose(np.array(best) - REACH, (down, right), atol=1)
     (said,) = told_apart(color, moved, mask)
     assert said.startswith("colour and depth may not be aligned")
-    assert f"by {right} pixels" in said
+    assert words in said
 
 
 def test_what_belongs_together_passes_at_any_size_and_another_picture_does_not():
@@ -41,8 +50,10 @@ def test_what_belongs_together_passes_at_any_size_and_another_picture_does_not()
     assert "of two pictures" in told_apart(scene(3)[0], depth, mask)[0]
 
 
-def test_nothing_is_said_of_a_depth_without_edges_or_of_a_tiny_picture():
+def test_nothing_is_said_of_a_depth_without_edges_or_with_holes_or_of_a_tiny_picture():
     color, depth, mask = scene()
+    holes = np.where(np.random.default_rng(0).random(depth.shape) < 0.02, 0, depth)
+    assert told_apart(scene(3)[0], holes, mask) == ()
     assert fit_of_edges(color, np.full_like(depth, 0.8), mask) is None
     assert told_apart(scene(3)[0], np.full_like(depth, 0.8), mask) == ()
     assert told_apart(color[:20], depth[:20], mask[:20] | True) == ()

@@ -10,6 +10,7 @@ from hadr.press.chapter_record import (
     RECORD,
     chapter_configuration,
     finished_chapter,
+    keep_changed,
     keep_chapter,
     keep_results,
 )
@@ -32,7 +33,16 @@ def test_a_chapter_is_finished_for_its_own_parameters_alone(notebook, tmp_path):
     assert finished_chapter(tmp_path, configuration) == 12.5
     assert finished_chapter(tmp_path, chapter_configuration(notebook, "mini", 0)) is None
     assert finished_chapter(tmp_path, chapter_configuration(notebook, "tiny", 1)) is None
-    assert finished_chapter(tmp_path, configuration, tmp_path / "gone.ipynb") is None
+    executed = tmp_path / "executed.ipynb"
+    executed.write_text("{}")
+    keep_chapter(tmp_path, configuration, 12.5, executed, tmp_path / "results.json")
+    assert finished_chapter(tmp_path, configuration, executed) == 12.5
+    executed.write_text("my notes")
+    assert finished_chapter(tmp_path, configuration, executed) is None
+    keep_changed(tmp_path, executed)
+    assert not executed.exists()
+    assert executed.with_name("executed.ipynb.changed").read_text() == "my notes"
+    assert finished_chapter(tmp_path, configuration, executed) is None
     notebook.write_text("{ }")
     assert finished_chapter(tmp_path, chapter_configuration(notebook, "tiny", 0)) is None
 

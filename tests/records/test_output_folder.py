@@ -13,7 +13,9 @@ from hadr.press.course import command as course_command
 from hadr.records import output_folder
 from hadr.records.output_folder import (
     MARKER,
+    SETTINGS_FILE,
     SOURCES,
+    check_apart,
     check_file,
     check_folder,
     check_free,
@@ -99,6 +101,26 @@ def test_what_is_no_folder_is_refused(checkout, tmp_path):
     for check in (check_folder, check_output_folder):
         with pytest.raises(ValueError, match="loop is a link that leads nowhere"):
             check(tmp_path / "loop" / "new")
+
+
+def test_nothing_is_written_among_the_frames_of_a_data_set(tmp_path):
+    made, own = tmp_path / "made", tmp_path / "own"
+    for root in (made, own):
+        (root / "train" / "0000").mkdir(parents=True)
+    (made / SETTINGS_FILE).write_text("{}")
+    check_file(made / "result.json")
+    check_folder(made / "runs")
+    for check, place in (
+        (check_folder, made / "val" / "run"),
+        (check_folder, made / "train"),
+        (check_output_folder, made / "train" / "0000"),
+        (check_file, made / "train" / "result.json"),
+    ):
+        with pytest.raises(ValueError, match=r"lies among the frames of .*made, which could"):
+            check(place)
+    check_folder(own / "train" / "run")  # whose frames these are is not known
+    with pytest.raises(ValueError, match="lies among the frames of"):
+        check_apart(own / "train" / "run", [made, own])
 
 
 def test_only_a_file_of_the_same_command_is_replaced(tmp_path):
@@ -212,7 +234,7 @@ def test_the_book_leaves_somebodys_book_alone(checkout, capsys):
     (checkout / "mine" / "book" / "thesis.md").write_text("years of work")
     before = content(checkout)
     assert main(["book", "--build", "mine"]) == 2
-    assert "mine/book was not made by hadr" in capsys.readouterr().err
+    assert "mine was not made by hadr" in capsys.readouterr().err
     assert content(checkout) == before
 
 

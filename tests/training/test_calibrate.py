@@ -146,6 +146,10 @@ def test_what_cannot_be_calibrated_is_left_as_it_is(model, tmp_path) -> None:
     save_checkpoint(path, model, {"width": 32, "height": 24, "data": {"corruption": "oracle"}})
     with pytest.raises(ValueError, match="was never calibrated: leave --only-ground out"):
         subject.run(parsed(str(path), frames, "--only-ground"))
+    other, meta = tmp_path / "other.safetensors", {"data": {"frames_sha256": "0" * 64}}
+    save_checkpoint(other, model, {"width": 32, "height": 24, **meta})
+    with pytest.raises(ValueError, match="has learned from other frames than those of"):
+        subject.run(parsed(str(other), frames))
     before = path.read_bytes()
     with pytest.raises(ValueError, match="trained with corruption 'oracle'"):
         subject.run(parsed(str(path), frames, "--corruption", "sensor"))

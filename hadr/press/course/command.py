@@ -95,7 +95,8 @@ def run(options: Options) -> int:
         raise ValueError(str(error)) from error
     labels = [exercise.label for chapter in chapters for exercise in chapter.exercises]
     total = sum(marks[label] for label in labels)
-    print(f"{len(chapters)} chapters, {len(labels)} exercises, {total} marks: {options.out}")
+    count = "1 chapter" if len(chapters) == 1 else f"{len(chapters)} chapters"
+    print(f"{count}, {len(labels)} exercises, {total} marks: {options.out}")
     return 0
 
 

@@ -32,7 +32,7 @@ from hadr.frame_io import (
 from hadr.models.networks import RIVALS
 from hadr.records.caches import file_sha256
 from hadr.records.option_words import FILE, FOLDER
-from hadr.records.output_folder import check_replaceable
+from hadr.records.output_folder import check_replaceable, wrote
 from hadr.records.provenance import write_json
 from hadr.records.result_file import seal_row
 from hadr.records.writing import whole_folder
@@ -52,7 +52,8 @@ OUTPUTS = {
     "confidence.png": "8-bit, 255 = 1",
     "confidence.npy": "float32: 1 where measured, 0 where missing; where restored the probability "
     "that the depth is right to 2 cm, if the method is a calibrated hadr-plus and the frame like "
-    "those it learned from; else 0, not known",
+    "those it learned from; the own score of a hadr-plus that was never calibrated, which only "
+    "orders pixels; else 0, not known",
     "comparison.png": "colour with mask and hand, depth before and after, error or confidence",
     "mask.png": "pixels to restore, given or predicted, 8-bit, 255 = restore",
     "hand_mask.png": "pixels of hand and arm, given or predicted, if any are known; 8-bit, 255 = "
@@ -64,6 +65,8 @@ OUTPUTS = {
     "report.json": "method, notes, counts, errors, versions, inputs' SHA-256, times",
 }
 """The files that are written, and what they hold."""
+SEQUENCE = "sequence.json"
+"""What is written beside the frames of a folder."""
 VIEW = "view.html"
 """What `hadr view` adds to them."""
 _WRITTEN = "\n".join(
@@ -227,6 +230,12 @@ def run(options: Options) -> int:
     def check() -> None:
         read, out = filter(None, files.values()), Path(options.out)
         again = options.overwrite
+        if wrote(out.absolute().parent / SEQUENCE, command="hadr restore"):
+            raise ValueError(
+                f"output folder {out} would be a part of the sequence {out.absolute().parent}, of "
+                "which film and record would no longer be true: name a folder elsewhere, or "
+                "restore the sequence again"
+            )
         check_replaceable(out, again, "report.json", read, [VIEW], command="hadr restore")
 
     check()

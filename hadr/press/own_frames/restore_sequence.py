@@ -15,6 +15,7 @@ from tqdm import tqdm
 from hadr.frame_io import read_color
 from hadr.press.own_frames.restore_command import (
     MEDIAPIPE,
+    SEQUENCE,
     VIEW,
     Options,
     found_nothing,
@@ -28,11 +29,12 @@ from hadr.records.output_folder import check_replaceable
 from hadr.records.result_file import seal_row
 from hadr.records.writing import whole_folder
 
-RECORD = "sequence.json"
 FILMS = ("film.mp4", "film.gif")
 """The film; a GIF where there is no ffmpeg."""
 RATE = 10.0
 """Its frames a second."""
+_OF_SYSTEMS = ("Thumbs.db", "desktop.ini")
+"""What a system puts into folders of pictures; no frame."""
 _A_FRAME = ("rgb", "depth", "mask", "hand", "hand_mask", "truth")
 """Options that name a folder with a file for each frame."""
 
@@ -47,7 +49,7 @@ def run_sequence(options: Options) -> int:
     def check() -> None:
         again = options.overwrite
         read = [path for one in frames.values() for path in input_files(one).values() if path]
-        check_replaceable(out, again, RECORD, read, parts=frames, command="hadr restore")
+        check_replaceable(out, again, SEQUENCE, read, parts=frames, command="hadr restore")
         for part in (out / name for name in frames):
             check_replaceable(part, True, "report.json", (), [VIEW], command="hadr restore")
 
@@ -72,15 +74,15 @@ def run_sequence(options: Options) -> int:
         film = folder / FILMS[find_spec("imageio_ffmpeg") is None]
         write_film(film, _pictures(folder / name / "comparison.png" for name in done), RATE)
         record = {"command": "hadr restore", "film": film.name, "frames": told}
-        seal_row(folder / RECORD, {**record, "outputs": outputs(folder)})
+        seal_row(folder / SEQUENCE, {**record, "outputs": outputs(folder)})
     if not options.quiet:
         print("\n".join((*_summary(told), f"written   {out}, with {film.name}")))
     bad = [name for name, one in told.items() if one.get("nothing", True)]
     if bad:
         print(
             f"hadr restore: error: {len(bad)} of {len(told)} frames were refused, or nothing could "
-            f"be restored in them ({', '.join(bad[:5])}{', ...' * (len(bad) > 5)}); {out}/{RECORD} "
-            "says why",
+            f"be restored in them ({', '.join(bad[:5])}{', ...' * (len(bad) > 5)}); "
+            f"{out}/{SEQUENCE} says why",
             file=sys.stderr,
         )
     return int(bool(bad))
@@ -100,11 +102,11 @@ def sequence_frames(options: Options) -> dict[str, Options]:
             )
         files[option] = found = {}
         for path in sorted(Path(given).iterdir()):
-            if path.name.startswith(".") or path.is_dir():
+            if path.name.startswith(".") or path.name in _OF_SYSTEMS or path.is_dir():
                 continue
             if path.stem in found:
                 raise ValueError(f"{given} holds two files of frame {path.stem}: expected one")
-            if path.stem in (RECORD, *FILMS):
+            if path.stem in (SEQUENCE, *FILMS):
                 raise ValueError(f"{path}: no frame can have the name of a result's file")
             found[path.stem] = str(path)
     if not files["rgb"]:
@@ -116,10 +118,11 @@ def sequence_frames(options: Options) -> dict[str, Options]:
     )
     for option, found in files.items():
         if lacking := [name for name in names if name not in found]:
+            there = next(of[lacking[0]] for of in files.values() if lacking[0] in of)
             raise ValueError(
                 f"--{option.replace('_', '-')} {getattr(options, option)} has no file of frame "
-                f"{lacking[0]} ({len(lacking)} of {len(names)} lack one): the files of a frame "
-                "have one name"
+                f"{lacking[0]}, as {there} is ({len(lacking)} of {len(names)} lack one): the files "
+                "of a frame have one name"
             )
     own: dict[str, dict[str, Any]] = {
         name: {option: found[name] for option, found in files.items()} for name in names

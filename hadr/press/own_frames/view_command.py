@@ -14,7 +14,7 @@ import tyro
 
 from hadr.camera import Intrinsics, back_project, valid_depth
 from hadr.frame_io import read_depth, read_mask, read_point_colors
-from hadr.press.own_frames.restore_command import VIEW
+from hadr.press.own_frames.restore_command import SEQUENCE, VIEW
 from hadr.records.caches import file_sha256
 from hadr.records.option_words import FILE, FOLDER
 from hadr.records.output_folder import check_file, wrote
@@ -30,6 +30,7 @@ AROUND_M = 0.35
 _SEEN_M = 0.16  # around it, as the view begins
 _MARK = np.array([230, 159, 0])
 _TITLE = "hadr view: "
+_OF = "hadr restore"
 EPILOG = """\
 what is shown
   The points up to 0.35 m around the restored object, seen from the camera: as
@@ -67,6 +68,15 @@ def run(options: Options) -> int:
 
     path = options.out or options.result / VIEW
     check_file(path)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"the page is HTML: name a file NAME.html, got {str(path)!r}")
+    for record in ("report.json", SEQUENCE):
+        place = path.parent / record
+        if path.resolve() != (options.result / VIEW).resolve() and wrote(place, command=_OF):
+            raise ValueError(
+                f"{path} would lie in another result of 'hadr restore', which is then not as it "
+                "was written: name a file elsewhere"
+            )
     if path.exists() and not is_sealed_page(path):
         raise ValueError(
             f"{path} is no page of this command, or was changed since: it is not replaced, name "
@@ -84,7 +94,7 @@ def clouds(folder: Path) -> list[Cloud]:
     """What the page of a result shows: its points, the restored ones marked, and without them."""
     from hadr.figures.solids.turntable import Cloud
 
-    if not wrote(folder / "report.json", command="hadr restore"):
+    if not wrote(folder / "report.json", command=_OF):
         raise ValueError(
             f"{folder} holds no result of 'hadr restore' (no report.json of it, or one that was "
             "changed since); of a sequence, name the folder of one frame"

@@ -17,16 +17,12 @@ import numpy as np
 from hadr import __version__
 from hadr.data.frame import frame_log_path, frame_places
 from hadr.data.frame_pictures import check_whole, decode_depth_array
-from hadr.records.output_folder import check_file, check_folder
+from hadr.records.output_folder import SETTINGS_FILE, SPLITS, check_file, check_folder
 from hadr.records.reading import read_json, structured
 from hadr.records.writing import sole_owner, write_whole
 from hadr.synthesis.generation.settings import EDITION, FrameRecipe, GenerationSettings
 from hadr.synthesis.recordings.recording import companions, find_recordings
 from hadr.synthesis.textures.backgrounds import find_backgrounds
-
-#: The file that says with which settings the frames of a folder are made.
-SETTINGS_FILE = "generation.json"
-_SPLITS = ("train", "val", "test")
 
 
 def _digest(root: str, paths: Iterable[Path]) -> str:
@@ -108,14 +104,14 @@ def _check_undamaged(path: Path) -> None:
 def recorded_settings(root: Path) -> dict[str, Any]:
     """The settings of a folder's frames as plain values; empty where there are no frames."""
     path = root / SETTINGS_FILE
-    frames = (log for split in _SPLITS for log in (root / split).glob("*/depth/log_json/*.json"))
+    frames = (log for split in SPLITS for log in (root / split).glob("*/depth/log_json/*.json"))
     if not path.is_file() or next(frames, None) is None:  # perhaps a run ended before the first
         return {}
     return structured(read_json(path), dict[str, Any], path)
 
 
 def _check_settings(root: Path, record: dict[str, Any]) -> None:
-    if not (root / SETTINGS_FILE).is_file() and any((root / split).exists() for split in _SPLITS):
+    if not (root / SETTINGS_FILE).is_file() and any((root / split).exists() for split in SPLITS):
         raise ValueError(
             f"{root} holds frames, but no {SETTINGS_FILE} that says how they were made; "
             "choose another folder"
@@ -144,7 +140,7 @@ def _check_settings_file(path: Path) -> None:
 
 def _clean(root: Path) -> None:
     """Remove what a stopped run left: the files of frames without a log."""
-    for split in _SPLITS:
+    for split in SPLITS:
         for logs in sorted((root / split).glob("*/depth")):
             done = {p.stem for p in (logs / "log_json").glob("*.json")}
             for path in logs.glob("*/*"):
@@ -178,6 +174,6 @@ def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path
         try:
             yield root
         except BaseException:
-            if not any((root / split).exists() for split in _SPLITS):
+            if not any((root / split).exists() for split in SPLITS):
                 (root / SETTINGS_FILE).unlink(missing_ok=True)
             raise

@@ -127,11 +127,13 @@ def test_files_that_do_not_belong_together_are_refused_before_anything_is_made(f
     assert lost.is_file()
     lost.rename(folder / "kept.png")
     assert main(words) == 2
-    assert "rgb has no file of frame 0010.5 (1 of 3 lack one)" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "rgb has no file of frame 0010.5, as" in told
+    assert "0010.5.png is (1 of 3 lack one)" in told
     (folder / "kept.png").rename(lost)
     (folder / "depth" / "0010.5.png").unlink()
     assert main(words) == 2
-    assert "depth has no file of frame 0010.5 (1 of 3 lack one)" in capsys.readouterr().err
+    assert "depth has no file of frame 0010.5, as" in capsys.readouterr().err
     assert not (folder / "out").exists()
 
 
@@ -142,3 +144,26 @@ def test_no_frame_is_named_as_a_file_of_the_result(frames, capsys):
     assert main(words) == 2
     assert "sequence.json.png: no frame can have the name of a result's" in capsys.readouterr().err
     assert not (folder / "out").exists()
+
+
+def test_a_part_of_a_sequence_is_not_replaced_alone_and_gets_no_other_page(frames, capsys):
+    folder, words = frames
+    (folder / "rgb" / "Thumbs.db").write_bytes(b"a system's")
+    assert main(words) == 0
+    out = folder / "out"
+    before = content(out)
+    assert set(json.loads((out / "sequence.json").read_text())["frames"]) == {
+        "0001", "0002", "0010.5"
+    }  # fmt: skip
+    one = [word.replace("/mask", "/mask/0002.png") for word in words if word.startswith("--mask")]
+    one += [f"--{name}={folder / name / '0002.png'}" for name in ("rgb", "depth")]
+    one += [f"--intrinsics={folder / 'camera.json'}", "--overwrite"]
+    for name in ("0001", "new"):
+        assert main(["restore", *one, f"--out={out / name}"]) == 2
+        assert "would be a part of the sequence" in capsys.readouterr().err
+    for name in ("0002/view.html", "view.html", "0001/other.html"):
+        assert main(["view", str(out / "0001"), "--no-browser", "--out", str(out / name)]) == 2
+        assert "would lie in another result" in capsys.readouterr().err
+    assert main(["view", str(out / "0001"), "--out", str(folder / "page.png")]) == 2
+    assert "name a file NAME.html" in capsys.readouterr().err
+    assert content(out) == before
