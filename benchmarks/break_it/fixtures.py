@@ -81,9 +81,9 @@ def make_frame(root: Path) -> None:
     depth[10:30, 20:40] = 0
     mask = np.zeros((48, 64), np.uint8)
     mask[10:30, 20:40] = 255
-    color = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
-    color.sort(axis=2)  # red above blue, as skin is, in OpenCV's order
-    hand = np.zeros((21, 3)) + np.linspace(0, 0.15, 21)[:, None] + (-0.1, -0.05, 0.65)
+    noise = np.random.default_rng(0).integers(-15, 15, (48, 64, 1))
+    color = (noise + (90, 115, 150)).astype(np.uint8)  # skin, in OpenCV's order
+    hand = np.linspace(0, 1, 21)[:, None] * (0.15, 0.15, 0.01) + (-0.1, -0.05, 0.805)
     for name, image in (("rgb.png", color), ("rgb.jpg", color), ("depth.png", depth),
                         ("mask.png", mask), ("arm.png", 255 - mask)):  # fmt: skip
         cv2.imwrite(str(root / name), image)

@@ -432,6 +432,19 @@ FOUND_ONE_BY_ONE = [
     *(AGAIN.case("sealed", f"{f} = {str(v)[:30]}", ("result.json", "sealed", f, v), says=("result.json", "nearest"))
       for f, values in (("rows", (None, [], {}, [7], "x")), ("rows.0", (None, 7, [], {})), 
                         ("rows.0.method", (None, 7, [], "foo", "@DROP"))) for v in values),
+    *(HTML.case("loss", f"--build holds {file} of mine", (f"others/{file}", "text", "mine"), build="others",
+                says=("others",)) for file in ("executed/03_ray_voxels.ipynb", "html/_build/site.html", "html/build.log",
+                                               "results/03_ray_voxels/results.json", "notes.txt")),
+    # Among the frames of a data set, or in a result, nothing else is written.
+    *(call.case("loss", f"--{option} among frames", **{option: f"{root}/train/x{end}"}, says=("among the frames",))
+      for call, option, end, root in ((TRAIN, "out", "", "data"), (GENERATE, "out", "", "made"), (NEAREST, "out", "", "made"),
+                                      (EVALUATE, "out", ".json", "made"), (CALIBRATE, "out", ".json", "data"))),
+    *(VIEW.case("loss", f"--out {place}", out=place, says=(place,)) for place in ("restored/x.html", "page.png", "page")),
+    CALIBRATE.case("labels", "frames of another training", ("plus.safetensors", "field", "data", {"frames_sha256": "0" * 64}),
+                   says=("other frames",)),
+    PLUS.case("noted", "a hollow mask", ("mask.png", "array", "np.where(np.pad(a[2:-2, 2:-2], 2) & np.roll(a, 3, 0) & np.roll(a, -3, 0)"
+              " & np.roll(a, 3, 1) & np.roll(a, -3, 1), 0, a)"), expect="noted", says=("hollow",)),
+    SEQUENCE.case("together", "Thumbs.db among the pictures", ("frames/rgb/Thumbs.db", "text", "x"), expect="works"),
     # Notebooks that are none.
     *(call.case("notebook", name, ("build/executed/03_ray_voxels.ipynb", "text", text), says=("03_ray_voxels",))
       for call in (HTML, EXECUTED) for name, text in (
