@@ -183,13 +183,17 @@ def told_color(
     warm, greenish = red - blue, 2 * green - red - blue
     off = np.hypot(warm - np.median(warm), greenish - np.median(greenish))
     shares = float((warm >= LEAST_WARM).mean()), float((off < SAME_SKIN).mean())
-    if shares[0] >= LEAST_SKIN[0] and shares[1] >= LEAST_SKIN[1]:
+    kinds = zip(("redder than blue, as skin is,", "of one colour"), shares, LEAST_SKIN, strict=True)
+    too_few = [
+        f"only {int(100 * share)} % of the picture is {kind} (expected {100 * least:.0f})"
+        for kind, share, least in kinds
+        if share < least
+    ]
+    if not too_few:
         return ()
     return (
-        f"where the hand is, only {100 * shares[0]:.0f} % of the picture is redder than blue, as "
-        f"skin is, and {100 * shares[1]:.0f} % of one colour (expected {100 * LEAST_SKIN[0]:.0f} "
-        f"and {100 * LEAST_SKIN[1]:.0f}): is the picture of another moment than depth and hand, is "
-        "it gray, are red and blue swapped, or is there no hand?",
+        f"where the hand is, {' and '.join(too_few)}: is the picture of another moment than depth "
+        "and hand, is it gray, are red and blue swapped, or is there no hand?",
     )
 
 

@@ -571,7 +571,7 @@ def test_pages_say_what_a_ground_tells() -> None:
     kept = [
         of["hadr-plus-mini", name]["share_inside"] for name in (*masks, "the mask's upper half")
     ]
-    assert 1 / 12.5 < min(kept) < max(kept) < 1 / 6.5  # "one in twelve to one in seven is not"
+    assert 1 / 12.5 < min(kept) < max(kept) < 1 / 7.5  # "one in twelve to one in eight is not"
     assert of["hadr-plus-mini", "30 % taken out of the mask"]["share_inside"] == 0  # "always"
 
 

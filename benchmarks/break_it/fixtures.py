@@ -82,7 +82,7 @@ def make_frame(root: Path) -> None:
     mask = np.zeros((48, 64), np.uint8)
     mask[10:30, 20:40] = 255
     noise = np.random.default_rng(0).integers(-15, 15, (48, 64, 1))
-    color = (noise + (90, 115, 150)).astype(np.uint8)  # skin, in OpenCV's order
+    color = (noise + np.array([90, 115, 150])).astype(np.uint8)  # skin, in OpenCV's order
     hand = np.linspace(0, 1, 21)[:, None] * (0.15, 0.15, 0.01) + (-0.1, -0.05, 0.805)
     for name, image in (("rgb.png", color), ("rgb.jpg", color), ("depth.png", depth),
                         ("mask.png", mask), ("arm.png", 255 - mask)):  # fmt: skip

@@ -440,6 +440,8 @@ FOUND_ONE_BY_ONE = [
       for call, option, end, root in ((TRAIN, "out", "", "data"), (GENERATE, "out", "", "made"), (NEAREST, "out", "", "made"),
                                       (EVALUATE, "out", ".json", "made"), (CALIBRATE, "out", ".json", "data"))),
     *(VIEW.case("loss", f"--out {place}", out=place, says=(place,)) for place in ("restored/x.html", "page.png", "page")),
+    *(call.case("loss", f"--{option} in a result", **{option: f"restored/{place}"}, says=("restored",)) for call, option, place in (
+        (NEAREST, "out", "deeper"), (TRAIN, "out", ""), (GENERATE, "out", "more"), (EVALUATE, "out", "t.json"))),
     CALIBRATE.case("labels", "frames of another training", ("plus.safetensors", "field", "data", {"frames_sha256": "0" * 64}),
                    says=("other frames",)),
     PLUS.case("noted", "a hollow mask", ("mask.png", "array", "np.where(np.pad(a[2:-2, 2:-2], 2) & np.roll(a, 3, 0) & np.roll(a, -3, 0)"

@@ -53,13 +53,18 @@ def keep_chapter(
     seal_row(folder / RECORD, row)
 
 
+def keep_unfinished(folder: Path, *made: Path) -> None:
+    """Note what a chapter has made that stopped."""
+    seal_row(folder / RECORD, {"made": _checksums(made)})
+
+
 def keep_changed(folder: Path, *made: Path) -> None:
-    """Keep what somebody changed of a finished chapter, before it is executed again."""
-    if is_sealed(folder / RECORD):
-        before = read_json(folder / RECORD).get("made", {})
-        for path in made:
-            if path.is_file() and before.get(path.name) != _digest([path]):
-                set_aside(path)
+    """Keep what is there and is not as a chapter made it, before it is executed again."""
+    record = folder / RECORD
+    before = read_json(record).get("made", {}) if is_sealed(record) else {}
+    for path in made:
+        if path.is_file() and before.get(path.name) != _digest([path]):
+            set_aside(path)
 
 
 def _checksums(paths: Iterable[Path]) -> dict[str, str]:

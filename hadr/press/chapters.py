@@ -24,6 +24,7 @@ from hadr.press.chapter_record import (
     finished_chapter,
     keep_changed,
     keep_chapter,
+    keep_unfinished,
 )
 from hadr.records.output_folder import CACHE
 from hadr.records.reading import parse_json, read_bytes
@@ -109,7 +110,11 @@ def run_notebooks(
             for stale in (results, folder / RECORD):
                 stale.unlink(missing_ok=True)
             parameters = {"preset": preset, "seed": seed, "out_dir": str(folder)}
-            duration = _execute(notebook, target, parameters, shown=jobs == 1)
+            try:
+                duration = _execute(notebook, target, parameters, shown=jobs == 1)
+            except BaseException:
+                keep_unfinished(folder, target, results)
+                raise
             keep_chapter(folder, configuration, duration, target, results)
         found = results if results.exists() else None
         return ChapterRun(notebook.stem, duration, target, found), before is not None

@@ -26,9 +26,10 @@ MARKER = ".made-by-hadr"
 _OURS = ".hadr-"  # how locks and drafts begin (`hadr.records.writing`)
 CACHE = "hadr-cache"
 """Name of the folder in which the Makefile and the chapters keep caches: no output of its own."""
-SETTINGS_FILE = "generation.json"
-"""What `hadr generate` writes beside the splits of its frames."""
 SPLITS = ("train", "val", "test")
+"""The folders of a data set."""
+VIEW = "view.html"
+"""The page that `hadr view` adds to a result."""
 SOURCES = (
     "benchmarks", "binder", "book", "data_samples", "hadr", "notebooks", "results", "tests",
     ".ci", ".git", ".github",
@@ -53,7 +54,8 @@ def check_file(path: str | Path | None, **fields: str) -> None:
     path = Path(path)
     if path.is_dir():
         raise ValueError(f"{path} is a folder, expected the name of a file to write")
-    check_folder(path.parent)
+    _check_no_file(path.parent)
+    check_apart(path)
     parent = next(part for part in path.absolute().parents if part.exists())
     if not os.access(parent, os.W_OK | os.X_OK):
         raise ValueError(f"can't write {path}: no permission for the folder {parent}")
@@ -98,22 +100,28 @@ def wrote(path: Path, **fields: str) -> bool:
 
     It must fit the checksum that closes it (`hadr.records.result_file`).
     """
+    if not path.is_file():
+        return False
     from hadr.records.result_file import is_sealed  # `make clean` does without
 
-    if not path.is_file() or not is_sealed(path):
+    if not is_sealed(path):
         return False
     found = json.loads(path.read_text(encoding="utf-8"))
     return all(name in found and str(found[name]).startswith(text) for name, text in fields.items())
 
 
 def check_folder(path: str | Path) -> None:
-    """Refuse a folder for results that is a file, or would lie in one, or in a data set's split.
+    """Refuse a folder for results that is a file, or would lie in one; also as `check_apart`.
 
     Raises:
         ValueError: It is, or does, or it is a link that leads nowhere, such as to itself.
     """
+    _check_no_file(path)
+    check_apart(Path(path) / "result")
+
+
+def _check_no_file(path: str | Path) -> None:
     path = Path(path)
-    check_apart(path)
     parts = (path, *path.parents)
     there = next((part for part in parts if part.is_symlink() or part.exists()), None)
     if there is not None and not there.is_dir():
@@ -121,24 +129,28 @@ def check_folder(path: str | Path) -> None:
         raise ValueError(f"{path} can't be a folder: {there} is {kind}")
 
 
-def check_apart(path: str | Path, data: Iterable[str | Path] = ()) -> None:
-    """Refuse a place for results in a split of a data set, which could no longer be read.
+def check_apart(path: str | Path) -> None:
+    """Refuse a place for results in a data set's split, or in a result of ``hadr restore``.
 
-    Args:
-        path: The place.
-        data: Folders of frames; those that `hadr generate` made are known without being named.
+    The one could no longer be read, the other would not be as it was written. In a result only the
+    page of ``hadr view`` has a place.
 
     Raises:
-        ValueError: It lies there.
+        ValueError: It lies there, links followed.
     """
-    named = {Path(folder).resolve() for folder in data}
     place = Path(os.path.realpath(path))  # which bears links that lead nowhere
     for part in (place, *place.parents):
-        root = part.parent
-        if part.name in SPLITS and (root in named or (root / SETTINGS_FILE).is_file()):
+        frames = (any(part.glob(f"*/{rgb}")) for rgb in ("rgb", "depth/rgb"))
+        if part.name in SPLITS and any(frames):
             raise ValueError(
-                f"{path} lies among the frames of {root}, which could no longer be read: name "
-                "another place"
+                f"{path} lies among the frames of {part.parent}, which could no longer be read: "
+                "name another place"
+            )
+        records = (part / name for name in ("report.json", "sequence.json") if part != place)
+        if place.name != VIEW and any(wrote(record, command="hadr restore") for record in records):
+            raise ValueError(
+                f"{path} would lie in {part}, a result of 'hadr restore', which is then not as it "
+                "was written: name another place"
             )
 
 
@@ -163,12 +175,12 @@ def check_replaceable(
         fields: As `wrote`.
 
     Raises:
-        ValueError: As `check_folder`; or it holds something else, a file that was changed since,
+        ValueError: It is no folder; or it holds something else, a file that was changed since,
             or an input.
     """
     from hadr.records.result_file import is_sealed_page
 
-    check_folder(folder)
+    _check_no_file(folder)
     present = sorted(entry.name for entry in folder.iterdir()) if folder.exists() else []
     if not present:
         return

@@ -13,7 +13,7 @@ import tyro
 from hadr.corruption import Corruption
 from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID, LARGEST_SEED, check_range
-from hadr.records.output_folder import check_apart, check_file, check_free
+from hadr.records.output_folder import check_file, check_free
 from hadr.records.provenance import provenance
 
 if TYPE_CHECKING:
@@ -117,7 +117,6 @@ def run(options: Options) -> int:
 
     def check() -> None:
         check_file(options.out, what=_WHAT)
-        check_apart(options.out or "", options.data)
         check_free(options.out)
         check_free(options.checkpoint)
 

@@ -12,7 +12,7 @@ import tyro
 
 from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID, NAME, check_range
-from hadr.records.output_folder import check_apart, check_folder
+from hadr.records.output_folder import check_folder
 from hadr.records.writing import PART, sole_owner
 from hadr.training.recipe import Accelerator, Given, Precision, Preset, Schedule
 
@@ -200,7 +200,6 @@ def with_recorded_drop(recipe: Preset, last: Path) -> Preset:
 def run(options: Options) -> int:
     """Run `hadr train`."""
     check_folder(options.out)
-    check_apart(options.out, options.data or ())
     # Of several processes, which torchrun or the first of them starts, the first has the folder.
     if int(os.environ.get("RANK") or os.environ.get("LOCAL_RANK") or 0):
         return _train(options)
@@ -289,6 +288,8 @@ def _train(options: Options) -> int:
         tensorboard=options.tensorboard,
     )
     if first:
+        if len(trained.history) > recipe.epochs:
+            print(f"nothing was trained: {recipe.epochs} epochs were asked for, more are there")
         last = trained.history[-1]
         print(f"{len(trained.history)} epochs; the checkpoint is {out / LAST}")
         print(", ".join(f"{name} {value:.4g}" for name, value in last.items() if name != "epoch"))

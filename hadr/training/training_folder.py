@@ -199,7 +199,8 @@ class TrainingFolder:
         stored = {"recipe": meta["preset"], "data": meta.get("data")}
         for part, values in asked.items():
             names = set(values or {}) | set(stored[part] or {})
-            for name in sorted(names, key=lambda name: (name != "epochs", name)):  # others follow
+            first = [name for name in ("schedule", "epochs") if name in names]  # others follow
+            for name in (*first, *sorted(names - set(first))):
                 then, now = (stored[part] or {}).get(name), (values or {}).get(name)
                 longer = name == "epochs" and recipe.schedule == "step" and not recipe.milestones
                 if then != now and not longer:

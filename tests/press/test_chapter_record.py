@@ -13,6 +13,7 @@ from hadr.press.chapter_record import (
     keep_changed,
     keep_chapter,
     keep_results,
+    keep_unfinished,
 )
 from hadr.records.dependencies import modules_behind, named_modules
 
@@ -42,6 +43,14 @@ def test_a_chapter_is_finished_for_its_own_parameters_alone(notebook, tmp_path):
     keep_changed(tmp_path, executed)
     assert not executed.exists()
     assert executed.with_name("executed.ipynb.changed").read_text() == "my notes"
+    executed.write_text("half")
+    keep_unfinished(tmp_path, executed)
+    assert finished_chapter(tmp_path, configuration, executed) is None
+    keep_changed(tmp_path, executed)
+    assert executed.read_text() == "half"
+    (tmp_path / "chapter.json").unlink()
+    keep_changed(tmp_path, executed)
+    assert executed.with_name("executed.ipynb.changed2").read_text() == "half"
     assert finished_chapter(tmp_path, configuration, executed) is None
     notebook.write_text("{ }")
     assert finished_chapter(tmp_path, chapter_configuration(notebook, "tiny", 0)) is None

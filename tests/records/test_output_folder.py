@@ -13,7 +13,6 @@ from hadr.press.course import command as course_command
 from hadr.records import output_folder
 from hadr.records.output_folder import (
     MARKER,
-    SETTINGS_FILE,
     SOURCES,
     check_apart,
     check_file,
@@ -104,10 +103,10 @@ def test_what_is_no_folder_is_refused(checkout, tmp_path):
 
 
 def test_nothing_is_written_among_the_frames_of_a_data_set(tmp_path):
-    made, own = tmp_path / "made", tmp_path / "own"
-    for root in (made, own):
-        (root / "train" / "0000").mkdir(parents=True)
-    (made / SETTINGS_FILE).write_text("{}")
+    made = tmp_path / "made"
+    for split, rgb in (("train", "depth/rgb"), ("val", "rgb")):
+        (made / split / "0000" / rgb).mkdir(parents=True)
+    (tmp_path / "link").symlink_to(made / "train")
     check_file(made / "result.json")
     check_folder(made / "runs")
     for check, place in (
@@ -115,12 +114,29 @@ def test_nothing_is_written_among_the_frames_of_a_data_set(tmp_path):
         (check_folder, made / "train"),
         (check_output_folder, made / "train" / "0000"),
         (check_file, made / "train" / "result.json"),
+        (check_file, tmp_path / "link" / "result.json"),
     ):
         with pytest.raises(ValueError, match=r"lies among the frames of .*made, which could"):
             check(place)
-    check_folder(own / "train" / "run")  # whose frames these are is not known
-    with pytest.raises(ValueError, match="lies among the frames of"):
-        check_apart(own / "train" / "run", [made, own])
+    check_folder(made / "test" / "run")  # no frames are there
+    check_folder(tmp_path / "train" / "run")
+
+
+def test_nothing_is_written_into_a_result_but_its_page(tmp_path):
+    result = tmp_path / "restored"
+    result.mkdir()
+    seal_row(result / "report.json", {"command": "hadr restore"})
+    (tmp_path / "link").symlink_to(result)
+    for check, place in (
+        (check_folder, result),
+        (check_folder, result / "deeper"),
+        (check_folder, tmp_path / "link" / "deeper"),
+        (check_file, result / "t.json"),
+    ):
+        with pytest.raises(ValueError, match="restored, a result of 'hadr restore', which"):
+            check(place)
+    check_apart(result)
+    check_file(result / "view.html")
 
 
 def test_only_a_file_of_the_same_command_is_replaced(tmp_path):

@@ -32,7 +32,7 @@ from hadr.frame_io import (
 from hadr.models.networks import RIVALS
 from hadr.records.caches import file_sha256
 from hadr.records.option_words import FILE, FOLDER
-from hadr.records.output_folder import check_replaceable, wrote
+from hadr.records.output_folder import VIEW, check_apart, check_replaceable
 from hadr.records.provenance import write_json
 from hadr.records.result_file import seal_row
 from hadr.records.writing import whole_folder
@@ -65,10 +65,6 @@ OUTPUTS = {
     "report.json": "method, notes, counts, errors, versions, inputs' SHA-256, times",
 }
 """The files that are written, and what they hold."""
-SEQUENCE = "sequence.json"
-"""What is written beside the frames of a folder."""
-VIEW = "view.html"
-"""What `hadr view` adds to them."""
 _WRITTEN = "\n".join(
     textwrap.fill(text, 79, initial_indent=f"  {name:<16}  ", subsequent_indent=20 * " ")
     for name, text in OUTPUTS.items()
@@ -230,12 +226,7 @@ def run(options: Options) -> int:
     def check() -> None:
         read, out = filter(None, files.values()), Path(options.out)
         again = options.overwrite
-        if wrote(out.absolute().parent / SEQUENCE, command="hadr restore"):
-            raise ValueError(
-                f"output folder {out} would be a part of the sequence {out.absolute().parent}, of "
-                "which film and record would no longer be true: name a folder elsewhere, or "
-                "restore the sequence again"
-            )
+        check_apart(out)
         check_replaceable(out, again, "report.json", read, [VIEW], command="hadr restore")
 
     check()

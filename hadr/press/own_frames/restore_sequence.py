@@ -15,8 +15,6 @@ from tqdm import tqdm
 from hadr.frame_io import read_color
 from hadr.press.own_frames.restore_command import (
     MEDIAPIPE,
-    SEQUENCE,
-    VIEW,
     Options,
     found_nothing,
     input_files,
@@ -25,10 +23,11 @@ from hadr.press.own_frames.restore_command import (
     restorer_of,
     write_frame,
 )
-from hadr.records.output_folder import check_replaceable
+from hadr.records.output_folder import VIEW, check_apart, check_replaceable
 from hadr.records.result_file import seal_row
 from hadr.records.writing import whole_folder
 
+RECORD = "sequence.json"
 FILMS = ("film.mp4", "film.gif")
 """The film; a GIF where there is no ffmpeg."""
 RATE = 10.0
@@ -47,9 +46,10 @@ def run_sequence(options: Options) -> int:
     out = Path(options.out)
 
     def check() -> None:
+        check_apart(out)
         again = options.overwrite
         read = [path for one in frames.values() for path in input_files(one).values() if path]
-        check_replaceable(out, again, SEQUENCE, read, parts=frames, command="hadr restore")
+        check_replaceable(out, again, RECORD, read, parts=frames, command="hadr restore")
         for part in (out / name for name in frames):
             check_replaceable(part, True, "report.json", (), [VIEW], command="hadr restore")
 
@@ -74,7 +74,7 @@ def run_sequence(options: Options) -> int:
         film = folder / FILMS[find_spec("imageio_ffmpeg") is None]
         write_film(film, _pictures(folder / name / "comparison.png" for name in done), RATE)
         record = {"command": "hadr restore", "film": film.name, "frames": told}
-        seal_row(folder / SEQUENCE, {**record, "outputs": outputs(folder)})
+        seal_row(folder / RECORD, {**record, "outputs": outputs(folder)})
     if not options.quiet:
         print("\n".join((*_summary(told), f"written   {out}, with {film.name}")))
     bad = [name for name, one in told.items() if one.get("nothing", True)]
@@ -82,7 +82,7 @@ def run_sequence(options: Options) -> int:
         print(
             f"hadr restore: error: {len(bad)} of {len(told)} frames were refused, or nothing could "
             f"be restored in them ({', '.join(bad[:5])}{', ...' * (len(bad) > 5)}); "
-            f"{out}/{SEQUENCE} says why",
+            f"{out}/{RECORD} says why",
             file=sys.stderr,
         )
     return int(bool(bad))
@@ -100,13 +100,17 @@ def sequence_frames(options: Options) -> dict[str, Options]:
                 f"--rgb {options.rgb} is a folder, so --{option.replace('_', '-')} {given} must be "
                 "one, too"
             )
-        files[option] = found = {}
+        found: dict[str, str] = {}
+        files[option] = found
         for path in sorted(Path(given).iterdir()):
             if path.name.startswith(".") or path.name in _OF_SYSTEMS or path.is_dir():
                 continue
             if path.stem in found:
-                raise ValueError(f"{given} holds two files of frame {path.stem}: expected one")
-            if path.stem in (SEQUENCE, *FILMS):
+                raise ValueError(
+                    f"{given} holds two files of frame {path.stem}, {Path(found[path.stem]).name} "
+                    f"and {path.name}: expected one"
+                )
+            if path.stem in (RECORD, *FILMS):
                 raise ValueError(f"{path}: no frame can have the name of a result's file")
             found[path.stem] = str(path)
     if not files["rgb"]:

@@ -14,10 +14,9 @@ import tyro
 
 from hadr.camera import Intrinsics, back_project, valid_depth
 from hadr.frame_io import read_depth, read_mask, read_point_colors
-from hadr.press.own_frames.restore_command import SEQUENCE, VIEW
 from hadr.records.caches import file_sha256
 from hadr.records.option_words import FILE, FOLDER
-from hadr.records.output_folder import check_file, wrote
+from hadr.records.output_folder import VIEW, check_apart, check_file, wrote
 from hadr.records.reading import read_json
 from hadr.records.result_file import is_sealed_page, sealed_page
 from hadr.records.writing import write_whole
@@ -70,13 +69,8 @@ def run(options: Options) -> int:
     check_file(path)
     if path.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"the page is HTML: name a file NAME.html, got {str(path)!r}")
-    for record in ("report.json", SEQUENCE):
-        place = path.parent / record
-        if path.resolve() != (options.result / VIEW).resolve() and wrote(place, command=_OF):
-            raise ValueError(
-                f"{path} would lie in another result of 'hadr restore', which is then not as it "
-                "was written: name a file elsewhere"
-            )
+    if path.name == VIEW and path.resolve() != (options.result / VIEW).resolve():
+        check_apart(path.with_name("page"))  # not another result's own page
     if path.exists() and not is_sealed_page(path):
         raise ValueError(
             f"{path} is no page of this command, or was changed since: it is not replaced, name "

@@ -17,12 +17,15 @@ import numpy as np
 from hadr import __version__
 from hadr.data.frame import frame_log_path, frame_places
 from hadr.data.frame_pictures import check_whole, decode_depth_array
-from hadr.records.output_folder import SETTINGS_FILE, SPLITS, check_file, check_folder
+from hadr.records.output_folder import SPLITS, check_file, check_folder
 from hadr.records.reading import read_json, structured
 from hadr.records.writing import sole_owner, write_whole
 from hadr.synthesis.generation.settings import EDITION, FrameRecipe, GenerationSettings
 from hadr.synthesis.recordings.recording import companions, find_recordings
 from hadr.synthesis.textures.backgrounds import find_backgrounds
+
+#: The file that says with which settings the frames of a folder are made.
+SETTINGS_FILE = "generation.json"
 
 
 def _digest(root: str, paths: Iterable[Path]) -> str:

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from hadr.data.frame import frame_places
-from hadr.records.output_folder import SETTINGS_FILE
-from hadr.synthesis.generation.folder import generation_folder, settings_record
+from hadr.synthesis.generation.folder import SETTINGS_FILE, generation_folder, settings_record
 from hadr.synthesis.generation.settings import GenerationSettings
 
 SETTINGS = GenerationSettings(width=64, height=36, quality="fast")
