@@ -554,6 +554,20 @@ def test_own_frames_says_how_many_calls_were_tried_to_be_broken() -> None:
     assert f"Of {row['tried']} calls of\n`hadr restore`" in page
 
 
+def test_running_it_says_what_the_presets_took() -> None:
+    page = (ROOT / "book" / "running.md").read_text(encoding="utf-8")
+    hours = dict.fromkeys(("data", "tables", "handover"), 0.0)
+    for row in read_sealed(RESULTS / "mini" / "run_times.json")["rows"]:
+        hours[row["part"]] += row["seconds"] / 3600
+    data, tables, handover = hours.values()
+    assert (
+        f"took {data:.1f} hours for the data, {tables:.1f} for the tables and {handover:.1f}"
+        in page
+    )
+    made = read_sealed(RESULTS / "generation" / "mini_run.json")
+    assert f"Its {made['frames']:,} frames take\n{made['megabytes']:.0f} MB" in page
+
+
 def test_pages_say_what_a_ground_tells() -> None:
     file = read_result_file(RESULTS / "confidence" / "known_ground.json")
     of = {(row["network"].partition(".")[0], row["set"]): row for row in file.rows}
