@@ -317,10 +317,10 @@ def test_an_earlier_result_is_only_replaced_when_asked(frame, capsys) -> None:
     assert capsys.readouterr().out == ""
     assert json.loads((frame / "out" / "report.json").read_text())["method"] == "nearest"
     assert cloud.read_bytes() != earlier
-    (frame / "out" / "report.json").rename(frame / "report.json")
+    (frame / "out" / "report.json").rename(frame / "kept.json")
     assert main([*words(frame), "--overwrite"]) == 2
     assert "holds cloud.ply, which no earlier run wrote" in capsys.readouterr().err
-    (frame / "report.json").rename(frame / "out" / "report.json")
+    (frame / "kept.json").rename(frame / "out" / "report.json")
     (frame / "out" / "hand.json").write_text("mine")  # of a hand that this run was not given
     assert main([*words(frame), "--overwrite"]) == 2
     assert "holds hand.json, which no earlier run wrote" in capsys.readouterr().err
