@@ -39,6 +39,7 @@ LEAST_SKIN = (0.9, 0.85)
 """Shares of a hand's pixels that are so warm, and of one colour: 1 to 2 of 100 training and
 validation frames have less, and 80 of 100 pictures to which depth and hand do not belong."""
 FEW_PIXELS = 15
+"""Of fewer points on the hand nothing is said of its colour."""
 SKIN_M = (-0.02, 0.04)
 """A bone lies so far behind the depth measured at its pixel, metres."""
 GLASS_M = (0.025, 0.30)

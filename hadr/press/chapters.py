@@ -113,7 +113,8 @@ def run_notebooks(
             try:
                 duration = _execute(notebook, target, parameters, shown=jobs == 1)
             except BaseException:
-                keep_unfinished(folder, target, results)
+                with contextlib.suppress(OSError):  # such as a full disk, which is told already
+                    keep_unfinished(folder, target, results)
                 raise
             keep_chapter(folder, configuration, duration, target, results)
         found = results if results.exists() else None

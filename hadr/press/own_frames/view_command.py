@@ -29,7 +29,6 @@ AROUND_M = 0.35
 _SEEN_M = 0.16  # around it, as the view begins
 _MARK = np.array([230, 159, 0])
 _TITLE = "hadr view: "
-_OF = "hadr restore"
 EPILOG = """\
 what is shown
   The points up to 0.35 m around the restored object, seen from the camera: as
@@ -88,7 +87,7 @@ def clouds(folder: Path) -> list[Cloud]:
     """What the page of a result shows: its points, the restored ones marked, and without them."""
     from hadr.figures.solids.turntable import Cloud
 
-    if not wrote(folder / "report.json", command=_OF):
+    if not wrote(folder / "report.json", command="hadr restore"):
         raise ValueError(
             f"{folder} holds no result of 'hadr restore' (no report.json of it, or one that was "
             "changed since); of a sequence, name the folder of one frame"
