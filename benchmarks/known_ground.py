@@ -294,23 +294,14 @@ def all_sets(
             if name == "no-hand":
                 invented = [one for f in frames for one in found_hand(f, glass=False)]
                 sets["no-hand, keypoints found by the networks"] = (False, invented)
-    for frame, other in zip(samples, samples[11:] + samples[:11], strict=True):
-        beside = {n: np.roll(getattr(frame, n), 15, 1) for n in ("color", "object_mask")}
+    for frame, there in zip(samples, samples[1:] + samples[:1], strict=True):
+        beside = {n: np.roll(getattr(there, n), 15, 1) for n in ("color", "object_mask")}
         for name, given in (
-            ("colour and mask of another frame", vars(other)),
+            ("colour and mask of the next frame", vars(frame)),
             ("colour and mask 15 px beside", beside),
         ):
-            mask = given["object_mask"]
-            depth = np.where(mask, 0, frame.depth)
-            one = shown(frame, color=given["color"], mask=mask, measured=depth)
+            one = shown(there, color=given["color"], mask=given["object_mask"])
             sets.setdefault(name, (None, []))[1].append(one)
-    sets["colour and mask of the next frame, a camera's depth"] = (
-        None,
-        [
-            shown(there, color=frame.color, mask=frame.object_mask)
-            for frame, there in zip(samples, samples[1:] + samples[:1], strict=True)
-        ],
-    )
     sets["keypoints shifted"] = (False, [shifted(f, rng) for f in samples])
     for frame in samples:
         for name, mask in other_masks(frame, rng).items():

@@ -27,7 +27,6 @@ from hadr.camera import (
 from hadr.confidence.calibration import ConfidenceRule, signal_of, within_learned
 from hadr.confidence.frame_features import torn
 from hadr.confidence.known_ground import Ground, Verdict
-from hadr.confidence.registration import told_apart
 from hadr.confidence.sight import observe
 from hadr.corruption import CORRUPTIONS, Corruption
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
@@ -263,8 +262,6 @@ class DepthNetwork:
         part = NETWORKS[self.kind].sees
         seen = observe(self.model, part, inputs, small, self.learned_range_m, color, mask)
         verdict = self.ground.judge(seen)
-        if verdict.inside and self.rule and not unlike:  # a probability is at stake
-            unlike = told_apart(color, measured, mask)
         if unlike:
             verdict = replace(verdict, inside=False, why=unlike + verdict.why)
         here = self.ground.fields[verdict.field].rule or self.rule
