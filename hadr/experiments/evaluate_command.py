@@ -115,6 +115,7 @@ def run(options: Options) -> int:
     """Run `hadr evaluate`."""
     from hadr.data.folder_checks import check_data
     from hadr.data.samples import samples_dir
+    from hadr.data.transhand import SPLITS
     from hadr.experiments.scoring import EVALUATION_SIZE
     from hadr.metrics import format_table, mean_over_frames
     from hadr.training.frames.predicted import open_split
@@ -128,7 +129,11 @@ def run(options: Options) -> int:
     check_data(folders, (options.split,), options.objects or None)
     source = open_split(folders, options.split, options.objects or None)
     if source is None:
-        raise FileNotFoundError(f"no folder {options.split} in {', '.join(map(str, folders))}")
+        there = [one for one in SPLITS if any((Path(root) / one).is_dir() for root in folders)]
+        raise FileNotFoundError(
+            f"no folder {options.split} in {', '.join(map(str, folders))}; --split may be "
+            f"{' or '.join(there)}: so few frames fill no more"
+        )
     given = options.given
     checkpoints = _open(options.checkpoint)
     for one in checkpoints:
