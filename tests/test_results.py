@@ -587,19 +587,16 @@ def test_pages_say_what_a_ground_tells() -> None:
     ]
     assert 1 / 12.5 < min(kept) < max(kept) < 1 / 7.5  # "one in twelve to one in eight is not"
     assert of["hadr-plus-mini", "30 % taken out of the mask"]["share_inside"] == 0  # "always"
-    for name, words in (
-        ("mask wider by 2 px", "one frame of three {}: HADR-plus then says {}, and {} are right"),
-        ("the mask's upper half", "one of eight {}'s upper half ({} and {})"),
-        ("colour and mask of the next frame", "one of eight {} than the depth ({} and {})"),
-        ("colour and mask 15 px beside", "one of five {} beside the depth ({} and {})"),
+    for name, one_of, words in (
+        ("mask wider by 2 px", 3, "HADR-plus then says {}, and {} are right"),
+        ("the mask's upper half", 8, "the glass's upper half ({} and {})"),
+        ("colour and mask of the next frame", 8, "of another moment than the depth ({} and {})"),
+        ("colour and mask 15 px beside", 5, "lies 15 pixels beside the depth ({} and {})"),
     ):
         row = of["hadr-plus-mini", name]
-        counts = {"three": 1 / 3, "five": 1 / 5, "eight": 1 / 8}
-        (share,) = [value for word, value in counts.items() if word in words]
-        assert row["share_inside"] == pytest.approx(share, abs=0.025)
-        said, right = (f"{row[n]:.2f}" for n in ("said_inside", "share_right_inside"))
-        start, _, rest = words.partition("{}")
-        assert start in page and rest.format(said, right) in " ".join(page.split())
+        assert row["share_inside"] == pytest.approx(1 / one_of, abs=0.025)
+        pair = (f"{row[which]:.2f}" for which in ("said_inside", "share_right_inside"))
+        assert words.format(*pair) in " ".join(page.split())
 
 
 def test_networks_know_the_ground_on_which_they_are_right() -> None:
