@@ -199,7 +199,6 @@ def _tables() -> Results:
     tables = {name: rows[name] for name in ("known", "unknown", "ablation")}
     paper = json.loads((folder / "paper_tables.json").read_text(encoding="utf-8"))
     reasons = {name: ("reason", "place") for name in comparison.compared(own, paper, "known")}
-    speed = [read_sealed(folder / "speed" / f"{n}.json") for n in ("restoration", "perception")]
     by_heart = read_result_file(folder / "training" / "overfit.json").rows
     yield "results", results_table(own, paper)
     yield "orders", comparison.orders_table(own, paper)
@@ -208,7 +207,6 @@ def _tables() -> Results:
     yield "handover", handover_tables.conditions_table(conditions, {})
     yield "handover, pairs", [handover_tables.paired(conditions[0], row) for row in conditions[1:5]]
     yield "by heart", benchmarks.by_heart_table(by_heart)
-    yield "speed", benchmarks.speed_table(*speed)
     yield "memory", comparison.memory_table(rows["memory"])
     yield "averages", comparison.averages_table(own)
     yield "poses", comparison.poses_table(rows["errors"])

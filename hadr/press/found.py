@@ -230,6 +230,9 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
     name, printed = "mini/handover.json", paper["handover"]
     file = read_result_file(results / name)
     found = {row["condition"]: row for row in file.rows}
+    worse = read_result_file(results / "mini/handover_worse.json").rows
+    restless = {row["condition"]: row for row in worse if row["restless"]}
+    follows, stays = (restless[one]["successes"] for one in ("hadr", "hadr-no-tracking"))
     of_all = printed["attempts"]
     before, after = (printed[title][0] for title in ("GraspNet", "HADR + GraspNet"))
     pairs = {
@@ -251,11 +254,15 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
         doubt = math.sqrt(((ahead + behind) / count - gap**2) / count)
         label = {"raw": "with sensor depth", "hadr-no-tracking": "without following",
                  "hadr-no-rescoring": "without rescoring"}[other]  # fmt: skip
+        remark = "Simulated robot and hand, grasps of a sampler of our own."
+        if other == "hadr-no-tracking":
+            of = restless["hadr"]["attempts"]
+            remark += f" Of hands that never rest {follows} of {of}, without following {stays}."
         yield Claim(
             short, words, place,
             f"{won['successes']} of {won['attempts']} attempts, {label} {lost['successes']}",
             verdict(gap, doubt), HANDOVER, name,
-            "Simulated robot and hand, grasps of a sampler of our own.",
+            remark,
         )  # fmt: skip
     yield Claim(
         "the published rate of success",

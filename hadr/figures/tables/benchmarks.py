@@ -60,28 +60,6 @@ def draw_ablation(ax: Axes, rows: Sequence[Row]) -> None:
     ax.set_xlabel(f"RMSE (cm) more than that of the full network, {100 * full['rmse_m']:.2f} cm")
 
 
-def speed_table(restoration: Row, perception: Row) -> str:
-    """List the time of one 224x224 frame: HADR against a Swin-T, and the whole perception."""
-    times, ratios = restoration["times"], restoration["against_swin"]["wall_median_ms"]
-    cost = restoration.get("accuracy", {}).get("change_percent", {})
-    rates = perception["frames_per_second"]
-    forms = list(dict.fromkeys(t.split(", ", 1)[1] for t in times if ", " in t))
-    head = [
-        "form", "`mini` (ms)", "`paper` (ms)", "`paper` against Swin-T",
-        "change of the bundled HADR's RMSE", "whole perception, `mini` (frames a second)",
-    ]  # fmt: skip
-    swin = f"{times['Swin-T']['wall_median_ms']:.0f}"
-    lines = [["*plain Swin-T*", "-", swin, "1.00", "-", "-"]]
-    for form in forms:
-        cells = [f"{times[f'{size}, {form}']['wall_median_ms']:.0f}" for size in ("mini", "paper")]
-        rate = rates.get("as it is" if form == "all rays" else form)
-        change = "-" if form == "all rays" else f"{cost[form]:+.1f} %"
-        ratio = ratios[f"paper, {form}"]
-        frames = f"{rate['wall_median']:.1f}" if rate else "-"
-        lines.append([form, *cells, f"{ratio:.2f}", change, frames])
-    return markdown(pd.DataFrame(lines, columns=head))
-
-
 def draw_parts_of_time(ax: Axes, restoration: Row) -> None:
     """Draw where the processor time of one frame goes, a bar for each preset."""
     presets = restoration["parts_cpu_ms"]
