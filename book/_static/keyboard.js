@@ -11,7 +11,7 @@ const reach = (box) => {
 };
 // Unfolding gives a box its size; the theme sets its own tab stops on loading.
 const sizes = new ResizeObserver((changed) => changed.forEach(({ target }) => reach(target)));
-const boxes = () => document.querySelectorAll(".bd-article :is(pre, figure, div)");
+const boxes = () => document.querySelectorAll(".bd-article :is(pre, figure, div, span.math)");
 const watch = (box) => {
   sizes.observe(box);
   box.addEventListener("scroll", () => reach(box), { passive: true });
