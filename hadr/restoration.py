@@ -21,11 +21,8 @@ from hadr.confidence.known_ground import Verdict
 from hadr.corruption import CORRUPTIONS, Corruption
 from hadr.frame_checks import (
     SQUARE,
-    check_apart,
-    check_mask_form,
     checked_depth,
     checked_hand,
-    checked_mask,
     depth_to_use,
     note_measured,
     note_size,
@@ -41,6 +38,7 @@ from hadr.trained_finders import (
     HandKeypoints,
     Segmentation,
     find_hand,
+    find_masks,
     given_hand,
 )
 from hadr.trained_networks import DepthNetwork
@@ -142,9 +140,7 @@ class _Filled:
 
 
 class Restorer:
-    """Restores the depth of transparent objects, frame after frame.
-
-    Its networks are read once; the depth network not before a frame needs it.
+    """Restores depth frame after frame; reads its networks once, the depth one when needed.
 
     Args:
         method: One of `METHODS`. "auto" takes the depth network where it fits the frame, else
@@ -254,8 +250,10 @@ class Restorer:
         notes: list[str] = []
         clean = checked_depth(color, depth, camera, notes)
         given = None if keypoints is None else checked_hand(keypoints, camera, notes)
-        target, hand_mask, presence = self._masks(
-            color, clean, mask, hand_mask, given is None, notes
+        finder = self.finder if given is None else None
+        ask_hand = self.method == "hand-median" or (finder is not None and finder.needs_hand_mask)
+        target, hand_mask, presence = find_masks(
+            self.segmentation, color, clean, mask, hand_mask, ask_hand, notes
         )
         hand = None
         if target.any():
@@ -277,37 +275,6 @@ class Restorer:
             notes.append("nothing to restore: the depth is as measured")
             filled = _Filled(clean, np.zeros_like(clean), target, "none")
         return _result(clean, filled, target, hand_mask, hand, notes)
-
-    def _masks(
-        self,
-        color: NDArray[np.uint8],
-        clean: Depth,
-        mask: BoolArray | None,
-        hand_mask: BoolArray | None,
-        without_hand: bool,
-        notes: list[str],
-    ) -> tuple[BoolArray, BoolArray | None, float | None]:
-        """The pixels to restore and those of the hand, given or predicted, and how sure these."""
-        if hand_mask is not None:
-            check_mask_form("hand mask", hand_mask, clean)
-            check_apart(mask, hand_mask)
-        finder = self.finder if without_hand else None
-        needed = self.method == "hand-median" or (finder is not None and finder.needs_hand_mask)
-        needed = needed and hand_mask is None
-        presence = None
-        if self.segmentation is None or not (mask is None or needed):
-            if self.segmentation is not None:
-                notes.append(f"the mask is given: {self.segmentation.name} was not used")
-            return checked_mask(mask, clean, notes), hand_mask, presence
-        found = self.segmentation.masks(color)
-        if needed:
-            hand_mask, presence = found.hand, found.presence
-        if mask is not None:
-            return checked_mask(mask, clean, notes), hand_mask, presence
-        there = found.glass.any()
-        said = "is not given but predicted by" if there else "is empty: no glass was found by"
-        notes.append(f"the mask {said} {self.segmentation.name}")
-        return found.glass, hand_mask, presence
 
     def _fill(self, known: _Known, notes: list[str]) -> tuple[_Known, _Filled]:
         """Find the hand if need be, and fill the mask with the network or without."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, resize_color, resize_mask
+from hadr.frame_checks import check_apart, check_mask_form, checked_mask
 from hadr.models.hand.plausible import HandCheck, NoHandError, check_hand
 
 GIVEN = "given"
@@ -182,6 +183,40 @@ class Hand:
     def doubtful(self) -> bool:
         """Whether it was used and does not fit: then the result has no probability."""
         return self.accepted and bool(self.check.problems)
+
+
+def find_masks(
+    segmentation: Segmentation | None,
+    color: NDArray[np.uint8],
+    clean: NDArray[np.float32],
+    mask: BoolArray | None,
+    hand_mask: BoolArray | None,
+    ask_hand: bool,
+    notes: list[str],
+) -> tuple[BoolArray, BoolArray | None, float | None]:
+    """The pixels to restore and those of the hand, given or predicted, and how sure these are.
+
+    What is not given is predicted, the hand's if `ask_hand`; without a network the pixels to
+    restore are those without depth, which is 0 in `clean`. The last is as `SeenMasks.presence`,
+    None where the hand's pixels are not a network's. ValueError where a mask is unusable.
+    """
+    if hand_mask is not None:
+        check_mask_form("hand mask", hand_mask, clean)
+        check_apart(mask, hand_mask)
+    ask_hand = ask_hand and hand_mask is None
+    if segmentation is None or not (mask is None or ask_hand):
+        if segmentation is not None:
+            notes.append(f"the mask is given: {segmentation.name} was not used")
+        return checked_mask(mask, clean, notes), hand_mask, None
+    found, presence = segmentation.masks(color), None
+    if ask_hand:
+        hand_mask, presence = found.hand, found.presence
+    if mask is not None:
+        return checked_mask(mask, clean, notes), hand_mask, presence
+    there = found.glass.any()
+    said = "is not given but predicted by" if there else "is empty: no glass was found by"
+    notes.append(f"the mask {said} {segmentation.name}")
+    return found.glass, hand_mask, presence
 
 
 def given_hand(

@@ -25,10 +25,10 @@ METHOD = (
     "models",
     "confidence",
     "rivals",
+    "frame_checks",
     "training",
     "trained_finders",
     "trained_networks",
-    "frame_checks",
     "restoration",
     "handover",
 )
