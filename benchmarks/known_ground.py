@@ -32,7 +32,7 @@ from hadr.data.frame import Frame, frame_log_path, write_frame
 from hadr.data.samples import open_gallery, open_samples, samples_dir
 from hadr.data.transhand import TransHand
 from hadr.frame_checks import told_color
-from hadr.models.hand.plausible import NoHandError
+from hadr.models.hand.plausible import NoHandError, check_hand
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
@@ -322,6 +322,7 @@ def restored(network: DepthNetwork, one: Shown) -> dict[str, Any]:
     given = np.where(one.mask, 0, measured) if network.erases else measured
     arguments = (one.color, given.astype(np.float32), one.camera, one.mask, one.keypoints)
     odd = told_color(one.color, measured, one.camera, one.mask, one.keypoints)
+    odd += check_hand(one.keypoints, measured, one.camera, one.mask, given=True).problems
     plain, asked = network.restore(*arguments), network.restore(*arguments, measured, odd)
     scored = plain.restored & (one.truth > 0)
     verdict = asked.ground

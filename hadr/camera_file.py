@@ -29,7 +29,9 @@ _FORM = ("rows", "cols", "dt", "type_id")
 _SKEW = re.compile(r"skew.*|s|gamma", re.I)
 _MODEL = re.compile(r"((camera|lens|distortion|projection)_?)?(model|type)|projection", re.I)
 _PINHOLE = re.compile(
-    r".*pinhole|perspective|rectilinear|none|plumb_bob|rational_polynomial|.*brown_conrady|", re.I
+    r".*pinhole|perspective|rectilinear|(distortion\.)?none|plumb_bob|rational_polynomial"
+    r"|.*brown_conrady|",
+    re.I,
 )
 """Models that are a pinhole where nothing distorts; "" is a driver's that knows none."""
 _NOTES = re.compile(

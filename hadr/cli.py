@@ -17,6 +17,7 @@ import difflib
 import errno
 import importlib
 import inspect
+import io
 import os
 import re
 import shutil
@@ -135,6 +136,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         os.environ["PYTHONSAFEPATH"] = "1"  # no child process imports from the current folder
         argv = sys.argv[1:]
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):  # a name that it can't show is no error
+                stream.reconfigure(errors="backslashreplace")
     words = list(argv)
     parser = _Parser(
         prog="hadr",
@@ -266,6 +270,9 @@ def _run_command(name: str, words: list[str]) -> int:
     try:
         status: int = module.run(options)
         return status
+    except BrokenPipeError:  # who read what was printed has left; all else was written before
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return 0
     except (ValueError, OSError, FloatingPointError) as error:
         full = isinstance(error, OSError) and error.errno in FULL
         told = re.sub(r"^\[Errno \d+\] ", "", str(error))

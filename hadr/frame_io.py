@@ -35,7 +35,7 @@ from hadr.camera import (
 )
 from hadr.data.frame_pictures import JPEG_START, decode_image
 from hadr.hand import check_keypoints
-from hadr.records.reading import read_json
+from hadr.records.reading import LARGEST_FILE, read_json
 
 DEFAULT_DEPTH_SCALE = 0.001
 _HAND_WORDS = ("keypoints", "unit", "frame", "accepted", "problems", "source", "measured")
@@ -141,6 +141,9 @@ def quiet() -> Iterator[list[str]]:
     told: list[str] = []
     # Of two threads the second would put the first one's silence back.
     with _QUIET, tempfile.TemporaryFile() as said:
+        if sys.stderr is None:  # closed by the caller
+            yield told
+            return
         sys.stderr.flush()
         kept = os.dup(2)
         try:
@@ -303,12 +306,17 @@ def read_point_colors(path: Path) -> NDArray[np.uint8]:
 
 
 def check_there(path: Path, name: str) -> None:
-    """Raise a ValueError for a folder, a FileNotFoundError for nothing; `name` is what it holds."""
+    """Raise ValueError for a folder or too large a file, FileNotFoundError where there is none.
+
+    `name` is what it holds.
+    """
     if path.is_dir():
         raise ValueError(f"{name} {path} is a folder, expected a file")
     if not path.is_file():
         what = "is a pipe or a device" if path.exists() else "does not exist"
         raise FileNotFoundError(f"{name} file {path} {what}")
+    if (size := path.stat().st_size) > LARGEST_FILE:
+        raise ValueError(f"{name} {path} has {size} bytes, the most are {LARGEST_FILE}")
 
 
 def _read_npy(path: Path, name: str) -> NDArray[Any]:

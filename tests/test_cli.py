@@ -319,16 +319,16 @@ def test_an_earlier_result_is_only_replaced_when_asked(frame, capsys) -> None:
     assert cloud.read_bytes() != earlier
     (frame / "out" / "report.json").rename(frame / "kept.json")
     assert main([*words(frame), "--overwrite"]) == 2
-    assert "holds cloud.ply, which no earlier run wrote" in capsys.readouterr().err
+    assert "holds cloud.ply, which no run like this one wrote" in capsys.readouterr().err
     (frame / "kept.json").rename(frame / "out" / "report.json")
     (frame / "out" / "hand.json").write_text("mine")  # of a hand that this run was not given
     assert main([*words(frame), "--overwrite"]) == 2
-    assert "holds hand.json, which no earlier run wrote" in capsys.readouterr().err
+    assert "holds hand.json, which no run like this one wrote" in capsys.readouterr().err
     assert (frame / "out" / "hand.json").read_text() == "mine"
     (frame / "out" / "hand.json").unlink()
     (frame / "out" / "mine.txt").write_text("keep")
     assert main([*words(frame), "--overwrite"]) == 2
-    assert "holds mine.txt, which no earlier run wrote" in capsys.readouterr().err
+    assert "holds mine.txt, which no run like this one wrote" in capsys.readouterr().err
     assert (frame / "out" / "mine.txt").read_text() == "keep"
 
 

@@ -42,7 +42,7 @@ SAMPLE = 4096
 def check_data(
     folders: Sequence[str | Path], splits: Sequence[str], objects: Sequence[str] | None = None
 ) -> str:
-    """Refuse data folders whose logs contradict their pictures, or that share a frame.
+    """Refuse data folders whose logs contradict their pictures, or of which two parts are one.
 
     Args:
         folders: Folders that are read as one.
@@ -54,8 +54,8 @@ def check_data(
 
     Raises:
         FileNotFoundError: A folder has no split at all, or an object is missing.
-        ValueError: A frame can't be read or contradicts itself, or two folders hold the same one;
-            the message names frame and value.
+        ValueError: A frame can't be read or contradicts itself, or two folders or splits hold the
+            same one; the message names frame and value.
     """
     check_folders(folders)
     known: dict[str, str] = {}
@@ -70,6 +70,11 @@ def check_data(
                 _check_split(frames, str(folder))
                 digests = frame_digests(frames)
                 every.update(f"{split} {digests}".encode())
+                if same := found.keys() & set(digests):
+                    raise ValueError(
+                        f"{Path(folder) / split} holds {len(same)} frames of a split named before "
+                        f"it, such as {found[min(same)]}: what is learned would be its own judge"
+                    )
                 found |= zip(digests, frames.names, strict=False)
         if same := known.keys() & found.keys():
             one = min(same, key=lambda digest: found[digest])

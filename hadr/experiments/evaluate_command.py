@@ -132,7 +132,7 @@ def run(options: Options) -> int:
         there = [one for one in SPLITS if any((Path(root) / one).is_dir() for root in folders)]
         raise FileNotFoundError(
             f"no folder {options.split} in {', '.join(map(str, folders))}; --split may be "
-            f"{' or '.join(there)}: so few frames fill no more"
+            f"{' or '.join(there)}"
         )
     given = options.given
     checkpoints = _open(options.checkpoint)
@@ -183,13 +183,19 @@ def _load(source: Any, size: tuple[int, int], given: Given) -> FrameTensors:
 
 
 def _open(paths: Sequence[str]) -> list[Checkpoint]:
-    """Load checkpoints, each under its file's name, or its folder's too where names recur."""
+    """Load checkpoints, each under its file's name, with its folders' where that means two."""
     from hadr.training.checkpoints import load_checkpoint
+    from hadr.training.evaluation import CLASSICAL
 
+    parts = [Path(path).absolute().with_suffix("").parts for path in paths]
     found: list[Checkpoint] = []
-    short = [Path(path).stem for path in paths]
-    for path, name in zip(map(Path, paths), short, strict=True):
-        model, meta = load_checkpoint(path)
-        title = name if short.count(name) == 1 else f"{path.parent.name}/{name}"
-        found.append(Checkpoint(title, model, meta))
+    for path, own in zip(paths, parts, strict=True):
+        for length in range(1, len(own) + 1):
+            names = ["/".join(one[-length:]) for one in parts]
+            title = "/".join(own[-length:])
+            if names.count(title) == 1 and title not in CLASSICAL:
+                break
+        else:
+            raise ValueError(f"the checkpoint {path} is named twice")
+        found.append(Checkpoint(title, *load_checkpoint(path)))
     return found

@@ -12,6 +12,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -81,11 +82,16 @@ def imagenet_normal(color: Tensor) -> Tensor:
 
 
 def load_published(kind: Any, name: str, **options: Any) -> Any:
-    """Load a network of `transformers` with published weights; OSError if they can't be had."""
+    """Load a network of `transformers` with published weights; OSError if they can't be had.
+
+    Only safetensors are read, of a name of the hub: ValueError for a folder.
+    """
     # What it tries in vain is one sentence in the end.
     logging.getLogger("huggingface_hub").setLevel(logging.ERROR)
+    if Path(name).exists():
+        raise ValueError(f"{name!r} is a file or folder, expected a name of the public hub")
     try:
-        return kind.from_pretrained(name, **options)
+        return kind.from_pretrained(name, use_safetensors=True, **options)
     except (OSError, RuntimeError) as error:
         raise OSError(
             f"the weights {name!r} are not in the local cache and could not be fetched; connect to "

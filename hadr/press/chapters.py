@@ -154,8 +154,7 @@ def _execute(source: Path, target: Path, parameters: dict[str, Any], shown: bool
     }  # fmt: skip
     try:
         done = papermill.execute_notebook(
-            str(source),
-            str(target),
+            *(re.sub(r"[{}]", r"\g<0>\g<0>", str(path)) for path in (source, target)),  # it formats
             parameters=parameters,
             engine_name=register_engine(),
             kernel_name="python3",

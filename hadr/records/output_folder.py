@@ -206,8 +206,8 @@ def check_replaceable(
     strange = [name for name in present if not (own and as_written(name))]
     if strange:
         raise ValueError(
-            f"output folder {folder} holds {strange[0]}, which no earlier run wrote, or which was "
-            "changed since; it is not replaced, choose another folder"
+            f"output folder {folder} holds {strange[0]}, which no run like this one wrote, or "
+            "which was changed since; it is not replaced, choose another folder"
         )
     for path in inputs:
         if folder.resolve() in Path(path).resolve().parents:

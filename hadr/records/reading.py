@@ -49,7 +49,7 @@ def read_bytes(path: str | Path) -> bytes:
 def parse_json(text: str | bytes, where: str | Path) -> Any:
     """Parse JSON in which no name stands twice in one object; errors name `where`."""
     try:
-        words = text if isinstance(text, str) else text.decode("utf-8")
+        words = text if isinstance(text, str) else text.decode("utf-8-sig")
         return json.loads(words, object_pairs_hook=_once_each)
     except RecursionError as error:
         raise ValueError(f"{where} is JSON that is nested too deeply") from error

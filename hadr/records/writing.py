@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 PART = ".hadr-part-"
 """How the names begin of what is not finished."""
+MADE = ".hadr-made"
+"""The file by which a folder is known in which a result is being written."""
 LOCK = ".hadr-lock"
 """The file by which a run has a folder to itself, with words that say which run."""
 
@@ -94,8 +96,19 @@ def whole_folder(target: Path, command: str, check: Callable[[], object]) -> Ite
     """
     check()
     target = target.resolve()
+    if target == Path.cwd() or os.path.ismount(target):
+        raise ValueError(
+            f"{target} is the current folder or a disk's, which can't be replaced whole: name a "
+            "folder in it"
+        )
     workshop = target.with_name(f".{target.name}.hadr")
     draft, former = workshop / "draft", workshop / "former"
+    strange = set(os.listdir(workshop)) - {LOCK, MADE} if workshop.is_dir() else set()
+    if workshop.is_symlink() or (strange and not (workshop / MADE).is_file()):
+        raise ValueError(
+            f"{workshop}, where {target.name} would be written first, is somebody's own: move it "
+            "away, or name another folder"
+        )
 
     def tidy() -> None:
         if former.exists() and not target.exists():  # stopped between the two renames
@@ -105,16 +118,19 @@ def whole_folder(target: Path, command: str, check: Callable[[], object]) -> Ite
 
     try:
         with _told_of(target, workshop), sole_owner(workshop, command):
+            (workshop / MADE).touch()
             tidy()
             try:
                 draft.mkdir()
                 yield draft
                 check()
                 if target.exists():
+                    shutil.copymode(target, draft)
                     target.rename(former)
                 draft.rename(target)
             finally:
                 tidy()
+                (workshop / MADE).unlink(missing_ok=True)
     finally:
         with contextlib.suppress(OSError):
             workshop.rmdir()
@@ -166,6 +182,9 @@ def _taken(folder: Path) -> int:
     while True:
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        if os.fstat(handle).st_nlink > 1:
+            os.close(handle)
+            raise ValueError(f"{path} has another name elsewhere, so it is no lock: remove it")
         try:
             if not _lock(handle):
                 _say_unlocked()

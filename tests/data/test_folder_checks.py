@@ -108,6 +108,9 @@ def test_frames_that_come_twice_are_refused(folder, tmp_path):
         shutil.copy(path, place)
     with pytest.raises(ValueError, match=r"moved holds 6 frames .* they would count twice"):
         check_data([frames, moved], ["val", "test"])
+    shutil.copytree(folder / "test", folder / "val", dirs_exist_ok=True)
+    with pytest.raises(ValueError, match=r"data/test holds 6 frames of a split named before it"):
+        check_data([folder], ["val", "test"])
 
 
 def test_a_split_without_a_frame_is_named(folder):

@@ -81,9 +81,27 @@ def test_networks_stand_beside_methods_that_learn_nothing(
     assert "mean of the frames' numbers" in capsys.readouterr().out
 
 
+def test_networks_of_one_name_and_one_called_as_a_method_keep_rows_of_their_own(
+    tmp_path: Path,
+) -> None:
+    write_frame(tmp_path / "data", frame("000001", 0.02))
+    net = HADRConfig(backbone=BackboneConfig(embed_dim=8, depths=(1, 1), heads=(1, 2), window=4))
+    paths = [tmp_path / name for name in ("a/run/best", "b/run/best", "c/nearest")]
+    for path in paths:
+        size = {"width": 32, "height": 18}
+        save_checkpoint(path.with_suffix(".safetensors"), HADR(net), size)
+    words = [f"{path}.safetensors" for path in paths]
+    told = ["--data", str(tmp_path / "data"), "--out", str(tmp_path / "table.json")]
+    assert run(parse_options("evaluate", words + told)) == 0
+    rows = json.loads((tmp_path / "table.json").read_text(encoding="utf-8"))["rows"]
+    assert list(rows)[4:] == ["a/run/best", "b/run/best", "c/nearest"]
+    with pytest.raises(ValueError, match=r"best\.safetensors is named twice"):
+        run(parse_options("evaluate", words[:1] * 2))
+
+
 def test_a_split_that_is_nowhere_is_named(tmp_path: Path) -> None:
     write_frame(tmp_path / "one", replace(frame("000001", 0.02), split="train"))
     save_checkpoint(tmp_path / "net.safetensors", HADR(HADRConfig()), {"width": 32, "height": 18})
     words = [str(tmp_path / "net.safetensors"), "--data", str(tmp_path / "one")]
-    with pytest.raises(FileNotFoundError, match=r"no folder test in .*; --split may be train:"):
+    with pytest.raises(FileNotFoundError, match=r"no folder test in .*; --split may be train$"):
         run(parse_options("evaluate", words))

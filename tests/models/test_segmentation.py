@@ -120,7 +120,7 @@ def test_published_weights_for_another_number_of_channels(monkeypatch: pytest.Mo
             embedding_size=4, hidden_sizes=[4, 4, 8, 8], depths=[1] * 4, layer_type="basic"
         )
     ).eval()
-    monkeypatch.setattr(ResNetBackbone, "from_pretrained", lambda name: published)
+    monkeypatch.setattr(ResNetBackbone, "from_pretrained", lambda name, **_: published)
     grey = torch.rand(1, 1, 32, 32)
     wanted = published.embedder(grey.expand(-1, 3, -1, -1))
     named = UNetConfig((1, 1, 1, 1), SMALL.widths, SMALL.decoder, pretrained="some/resnet")

@@ -11,6 +11,7 @@ import pytest
 from hadr.records import writing
 from hadr.records.writing import (
     LOCK,
+    MADE,
     PART,
     sole_owner,
     whole_file,
@@ -69,12 +70,38 @@ def test_a_result_is_there_again_after_a_kill_between_the_renames(tmp_path):
     (workshop / "former").mkdir(parents=True)
     (workshop / "former" / "a.txt").write_text("1")
     (workshop / "draft").mkdir()
+    (workshop / MADE).touch()
     with (
         pytest.raises(RuntimeError),
         whole_folder(tmp_path / "out", "test", lambda: None),
     ):
         raise RuntimeError
     assert names(tmp_path) == ["out", "out/a.txt"]
+
+
+def test_somebody_s_folder_of_a_workshop_s_name_and_the_current_folder_stay(tmp_path, monkeypatch):
+    own = tmp_path / "docs" / "draft" / "thesis.txt"
+    own.parent.mkdir(parents=True)
+    own.write_text("1")
+    (tmp_path / ".out.hadr").symlink_to("docs")
+    own.parents[1].rename(tmp_path / ".other.hadr")
+    for name in ("out", "other"):
+        with (
+            pytest.raises(ValueError, match="is somebody's own: move it away"),
+            whole_folder(tmp_path / name, "test", lambda: None),
+        ):
+            pass
+    assert (tmp_path / ".other.hadr" / "draft" / "thesis.txt").read_text() == "1"
+    (tmp_path / "here").mkdir(mode=0o700)
+    with whole_folder(tmp_path / "here", "test", lambda: None):
+        pass
+    assert (tmp_path / "here").stat().st_mode & 0o777 == 0o700
+    monkeypatch.chdir(tmp_path / "here")
+    with (
+        pytest.raises(ValueError, match="is the current folder"),
+        whole_folder(tmp_path / "here", "test", lambda: None),
+    ):
+        pass
 
 
 def test_a_folder_has_one_owner_and_a_killed_one_leaves_it(tmp_path):

@@ -46,7 +46,7 @@ class Page:
 def filled_page(template: str, title: str, data: Mapping[str, Any], style: str) -> Page:
     """Fill a template of this folder with a title, and with data as JSON; the frame's style."""
     text = files("hadr.figures.solids").joinpath(template).read_text(encoding="utf-8")
-    told = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
+    told = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     text = text.replace("__TITLE__", html.escape(title)).replace("__DATA__", told)
     return Page(text, title, style)
 

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import scipy
-from matplotlib import rc_context
+from matplotlib import rc_context, rcdefaults
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -110,6 +110,7 @@ def comparison_figure(
     """
     target = result.mask
     with rc_context():
+        rcdefaults()  # not what a file of the current folder says
         panels.use_style()
         height = 0.9 + 9.8 * depth.shape[0] / depth.shape[1]
         figure: Figure = Figure(figsize=(11, height), dpi=130)

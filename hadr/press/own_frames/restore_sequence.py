@@ -105,6 +105,8 @@ def sequence_frames(options: Options) -> dict[str, Options]:
         for path in sorted(Path(given).iterdir()):
             if path.name.startswith(".") or path.name in _OF_SYSTEMS or path.is_dir():
                 continue
+            if not str(path).isprintable():
+                raise ValueError(f"rename {str(path)!a}: its name can't be written down")
             if path.stem in found:
                 raise ValueError(
                     f"{given} holds two files of frame {path.stem}, {Path(found[path.stem]).name} "

@@ -7,7 +7,7 @@ import sys
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
@@ -17,7 +17,7 @@ from hadr.frame_io import read_depth, read_mask, read_point_colors
 from hadr.records.caches import file_sha256
 from hadr.records.option_words import FILE, FOLDER
 from hadr.records.output_folder import VIEW, check_apart, check_file, wrote
-from hadr.records.reading import read_json
+from hadr.records.reading import read_json, structured
 from hadr.records.result_file import is_sealed_page, sealed_page
 from hadr.records.writing import write_whole
 
@@ -60,6 +60,15 @@ class Options:
     """Only write the page."""
 
 
+@dataclass(frozen=True)
+class _Report:
+    """What is read of a result's report."""
+
+    method_title: str
+    intrinsics: dict[str, Any]
+    outputs: dict[str, dict[str, str]]
+
+
 def run(options: Options) -> int:
     """Write the page, where nothing else stands, and open it."""
     from hadr.figures.solids.turntable import turntable  # loads matplotlib: --help need not wait
@@ -92,16 +101,21 @@ def clouds(folder: Path) -> list[Cloud]:
             f"{folder} holds no result of 'hadr restore' (no report.json of it, or one that was "
             "changed since); of a sequence, name the folder of one frame"
         )
-    report = read_json(folder / "report.json")
+    where = folder / "report.json"
+    report = structured(read_json(where), _Report, where, further=True)
     for name in ("depth.npy", "mask.png", "confidence.npy", "cloud.ply"):
         path = folder / name
-        if not path.is_file() or report["outputs"][name]["sha256"] != file_sha256(path):
+        written = report.outputs.get(name, {}).get("sha256")
+        if not path.is_file() or written != file_sha256(path):
             raise ValueError(f"{path} is missing, or was changed since: restore the frame again")
-    camera, title = Intrinsics.from_dict(report["intrinsics"]), report["method_title"]
+    camera, title = Intrinsics.from_dict(report.intrinsics), report.method_title
     depth, mask = read_depth(folder / "depth.npy"), read_mask(folder / "mask.png")
     sure = read_depth(folder / "confidence.npy")  # an image of numbers like depth
     there = valid_depth(depth)
     colors = read_point_colors(folder / "cloud.ply")
+    images = {depth.shape, mask.shape, sure.shape}
+    if images != {camera.shape} or np.count_nonzero(there) != len(colors):
+        raise ValueError(f"{folder}: depth, mask, confidence and cloud are not of one frame")
     if not len(colors):
         raise ValueError(f"{folder} holds no depth at all: there is no cloud to show")
     points = back_project(depth, camera)[there]

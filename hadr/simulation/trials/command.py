@@ -132,8 +132,10 @@ def run(options: Options) -> int:
     jobs = usable_cores() if options.jobs is None else options.jobs
     check_packages()
     from hadr.simulation.trials import experiment
-    from hadr.simulation.trials.trial import Trial
+    from hadr.simulation.trials.trial import CONDITIONS, Trial
 
+    if any(path.resolve().parent == (out / name).resolve() for name in CONDITIONS):
+        raise ValueError(f"--json {path} lies among the attempts' own files: name a file elsewhere")
     if options.watch:
         check_display()
     shared = Trial(

@@ -60,7 +60,7 @@ def test_each_frame_has_a_result_and_the_film_shows_all(frames, capsys):
         before = content(out)
         assert main([*words, "--overwrite"]) == 2
         own = Path(name).name if name != "sequence.json" else "0001"  # nothing says what was made
-        assert f"holds {own}, which no earlier run wrote" in capsys.readouterr().err
+        assert f"holds {own}, which no run like this one wrote" in capsys.readouterr().err
         assert content(out) == before
         (out / name).unlink()
         if out / name in made:
@@ -109,7 +109,7 @@ def test_a_folder_in_place_of_the_film_is_somebody_s(frames, capsys):
     film.mkdir()
     (film / "mine.txt").write_text("kept")
     assert main([*words, "--overwrite"]) == 2
-    assert f"holds {film.name}, which no earlier run wrote" in capsys.readouterr().err
+    assert f"holds {film.name}, which no run like this one wrote" in capsys.readouterr().err
     assert (film / "mine.txt").read_text() == "kept"
 
 

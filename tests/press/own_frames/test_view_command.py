@@ -1,6 +1,7 @@
 """The page of a restored cloud: what it shows, and what it refuses."""
 
 import base64
+import hashlib
 import json
 import re
 import shutil
@@ -12,6 +13,7 @@ import pytest
 from hadr.cli import main
 from hadr.press.own_frames import view_command
 from hadr.press.own_frames.view_command import clouds
+from hadr.records.result_file import seal_row
 
 HOLE = (slice(10, 30), slice(20, 40))
 
@@ -74,7 +76,7 @@ def test_one_page_is_written_and_opened(restored, monkeypatch, capsys):
     assert main(["view", str(out), "--no-browser"]) == main(again) == 2
     errors = capsys.readouterr().err
     assert "view.html is no page of this command, or was changed since" in errors
-    assert "holds view.html, which no earlier run wrote, or which was changed since" in errors
+    assert "holds view.html, which no run like this one wrote, or which was changed since" in errors
     page.write_text(text)
     assert main(again) == 0
     assert not page.exists(), "it showed the former result"
@@ -98,6 +100,29 @@ def test_what_is_no_result_or_no_page_of_its_own_is_refused(restored, tmp_path, 
         assert main(["view", str(tmp_path / name), "--no-browser"]) == 2
         assert re.search("or (was|one that was) changed since", capsys.readouterr().err)
         assert not (tmp_path / name / "view.html").exists()
+
+
+def test_a_record_that_does_not_fit_its_files_is_named(restored, tmp_path, capsys):
+    out = restored / "out"
+    report = json.loads((out / "report.json").read_text())
+    masks = cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1].tobytes()
+    other = {**report["outputs"], "mask.png": {"sha256": hashlib.sha256(masks).hexdigest()}}
+    for number, (changes, words) in enumerate(
+        (
+            ({"outputs": {}}, "depth.npy is missing, or was changed since"),
+            ({"outputs": None}, "report.json: outputs"),
+            ({"method_title": 7}, "report.json: method_title"),
+            ({"outputs": other}, "depth, mask, confidence and cloud are not of one frame"),
+        )
+    ):
+        folder = tmp_path / str(number)
+        shutil.copytree(out, folder)
+        (folder / "mask.png").write_bytes(masks)
+        record = {name: value for name, value in report.items() if name != "sha256"}
+        seal_row(folder / "report.json", record | changes)
+        capsys.readouterr()
+        assert main(["view", str(folder), "--no-browser"]) == 2
+        assert words in capsys.readouterr().err
 
 
 def test_a_frame_with_nothing_to_restore_shows_one_cloud(restored, tmp_path):
