@@ -597,6 +597,8 @@ def test_pages_say_what_a_ground_tells() -> None:
         assert row["share_inside"] == pytest.approx(1 / one_of, abs=0.025)
         pair = (f"{row[which]:.2f}" for which in ("said_inside", "share_right_inside"))
         assert words.format(*pair) in " ".join(page.split())
+    assert of["hadr-plus-mini", "samples"]["share_inside"] == pytest.approx(7 / 8, abs=0.025)
+    assert "one right frame of eight gets no probability" in page
 
 
 def test_networks_know_the_ground_on_which_they_are_right() -> None:

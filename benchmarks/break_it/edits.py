@@ -239,12 +239,18 @@ def log_array(path: Path, name: str, expression: str) -> None:
 
 
 def sealed(path: Path, dotted: str, given: Any) -> None:
-    """Change a result file and give it the right checksum."""
-    from hadr.records.result_file import read_sealed, write_sealed
+    """Change a record or a result file, and give it the right checksum."""
+    from hadr.records.result_file import read_sealed, seal_row, write_sealed
 
-    content = read_sealed(path)
-    put(content, dotted, given)
-    write_sealed(path, content)
+    content = json.loads(path.read_text())
+    if "provenance" in content:
+        content = read_sealed(path)
+        put(content, dotted, given)
+        write_sealed(path, content)
+    else:
+        put(content, dotted, given)
+        path.unlink()  # as it was written: it is not to be kept
+        seal_row(path, content)
 
 
 def scaled(path: Path, name: str, factor: Any) -> None:

@@ -447,6 +447,13 @@ FOUND_ONE_BY_ONE = [
     PLUS.case("noted", "a hollow mask", ("mask.png", "array", "np.where(np.pad(a[2:-2, 2:-2], 2) & np.roll(a, 3, 0) & np.roll(a, -3, 0)"
               " & np.roll(a, 3, 1) & np.roll(a, -3, 1), 0, a)"), expect="noted", says=("hollow",)),
     SEQUENCE.case("together", "Thumbs.db among the pictures", ("frames/rgb/Thumbs.db", "text", "x"), expect="works"),
+    NEAREST.case("loss", "a folder of mine where it is written first", (".out.hadr/draft/thesis.txt", "text", "mine"),
+                 says=("somebody's own",)),
+    ATTEMPT.case("loss", "--json is an attempt's record", json="attempt/perfect/0005-902.json", says=("attempts' own",)),
+    NEAREST.case("noted", "settings of matplotlib in the folder", ("matplotlibrc", "text", "text.usetex: True"), expect="works"),
+    EVALUATE.case("together", "a network twice", **{"": "net.safetensors\tnet.safetensors"}, says=("named twice",)),
+    *(VIEW.case("sealed", f"{f} = {v}", ("restored/report.json", "sealed", f, v), says=("report.json", f))
+      for f, values in (("outputs", (None, [], 7)), ("method_title", (7, None)), ("intrinsics", (None, [], 7))) for v in values),
     # Notebooks that are none.
     *(call.case("notebook", name, ("build/executed/03_ray_voxels.ipynb", "text", text), says=("03_ray_voxels",))
       for call in (HTML, EXECUTED) for name, text in (
