@@ -84,11 +84,12 @@ FOLDS = {
     "<video": "these films",
     "<iframe": "this moving figure",
     "image/png": "this figure",
-    "text/markdown": "this table",
+    r"\|:?-{2,}": "this table",
+    "text/markdown": "this text",
     "text/html": "this table",
     "'stream'": "these numbers",
 }
-"""What the code of a folded cell makes, by what stands in its outputs, the first that does."""
+"""What the code of a folded cell makes, by a pattern in its outputs, the first that is there."""
 _WIDGET_VIEW = "application/vnd.jupyter.widget-view+json"
 
 
@@ -207,7 +208,8 @@ def _name_fold(cell: Any) -> None:
         words = "Code: what can be set"
     else:
         what = next(
-            (words for kind, words in FOLDS.items() if kind in made), "what comes next needs"
+            (words for kind, words in FOLDS.items() if re.search(kind, made)),
+            "what comes next needs",
         )
         words = f"Code: {what}"
     if any(tag.startswith("hide-") for tag in tags):

@@ -25,7 +25,7 @@ AGREES, CONTRADICTS, UNDECIDED, UNTESTED = "agrees", "contradicts", "undecided",
 VERDICTS = {
     AGREES: "ours goes the same way, by more than two standard errors",
     CONTRADICTS: "ours goes the other way, by more than two standard errors",
-    UNDECIDED: "ours lies within two standard errors of no difference",
+    UNDECIDED: "ours lies within two standard errors of no difference, or has none to be judged by",
     UNTESTED: "nothing here could show it either way",
 }
 RIVALS = ("lidf", "dfnet", "swindrnet", "tode")
@@ -220,7 +220,7 @@ def _untested_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
     yield Claim(
         "perception in real time",
         "Mask, hand and depth run at 11 frames a second on an NVIDIA 3080.", "IV-B",
-        f"{1000 / took:.0f} frames a second", UNTESTED, COMPARISON,
+        f"{1000 / took:.0f} frames a second", UNTESTED, "what_training_brings",
         "speed/perception.json",
         "On two cores without a GPU, with small networks of preset mini.",
     )  # fmt: skip
@@ -300,22 +300,22 @@ def found_rules(results: Path) -> str:
 
 
 def found_paragraph(results: Path) -> str:
-    """What was reproduced, contradicted, left open and not tested, in a paragraph of Markdown."""
+    """What was reproduced, contradicted, left open and not tested, as Markdown."""
     named: dict[str, list[str]] = {word: [] for word in VERDICTS}
     for claim in claims(results):
         shown = claim.verdict in (AGREES, CONTRADICTS)
         named[claim.verdict].append(f"{claim.name} ({claim.ours})" if shown else claim.name)
-    count = {word: len(names) for word, names in named.items()}
-    told = {word: "; ".join(names) or "none" for word, names in named.items()}
     known = read_result_file(results / FOLDER / "known.json")
     hadr, plain = known.row(method="hadr"), known.row(method="unet-hand")
     nearer = "nearer to" if plain["rmse_m"] < hadr["rmse_m"] else "no nearer to"
-    return (
-        f"Of {sum(count.values())} claims of the paper, **also found here, {count[AGREES]}**: "
-        f"{told[AGREES]}. **Contradicted, {count[CONTRADICTS]}**: {told[CONTRADICTS]}. "
-        f"**Undecided, {count[UNDECIDED]}**, the difference lying within its error: "
-        f"{told[UNDECIDED]}. **Not tested, {count[UNTESTED]}**: {told[UNTESTED]}. And what "
-        f"the paper did not ask: a plain U-Net that is told where the hand is comes {nearer} the "
-        f"truth than HADR ({_cm(plain)} cm against {_cm(hadr)} on known objects). All these errors "
-        "are RMSE, the root of the mean squared error."
-    )
+    heads = ("Also found here", "Contradicted", "Undecided", "Not tested")
+    lines = [
+        f"- **{head}, {len(names)}:** {'; '.join(names) or 'none'}."
+        for head, names in zip(heads, named.values(), strict=True)
+    ]
+    return "\n".join((
+        f"Of {sum(map(len, named.values()))} claims of the paper, errors as RMSE (the root of the "
+        "mean squared error):\n", *lines,
+        "\nAnd what the paper did not ask: a plain U-Net that is told where the hand is comes "
+        f"{nearer} the truth than HADR ({_cm(plain)} cm against {_cm(hadr)} on known objects).",
+    ))  # fmt: skip

@@ -18,6 +18,7 @@ from hadr.data.frame import Frame
 from hadr.data.frame_pictures import encode_color
 from hadr.models import hadr_plus
 from hadr.models.network_input import frame_to_input
+from hadr.synthesis.glass.objects import OBJECTS
 from hadr.trained_networks import DepthNetwork
 
 DEPTH_UNIT = 1e-4
@@ -79,7 +80,7 @@ def _frame(frame: Frame, size: tuple[int, int]) -> dict[str, Any]:
     color = (255 * seen.color[0, :, :, part]).round().byte().permute(1, 2, 0).numpy()
     shown = resize_color(frame.color, SHOWN * width, SHOWN * height)
     return {
-        "name": f"{frame.object_id}/{frame.stem}",
+        "name": f"{OBJECTS[frame.object_id].name}, {frame.object_id}/{frame.stem}",
         "width": height,
         "height": height,
         "camera": [fx, fy, cx - left, cy],

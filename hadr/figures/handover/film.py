@@ -90,8 +90,8 @@ def show_run(states: Sequence[WorldState], transitions: Sequence[Transition]) ->
     middle.set(ylabel="opening (mm)", ylim=(0, 90))
     low.plot(time, force, color=COLORS["hand"])
     low.axhline(_LARGEST_FORCE, color=COLORS["truth"], lw=1, ls=":")
-    low.text(time[0], _LARGEST_FORCE, f" limit {_LARGEST_FORCE:g} N", va="top", fontsize=9)
-    low.set(ylabel="force (N)", ylim=(0, 1.15 * max(_LARGEST_FORCE, float(force.max()))))
+    low.text(time[0], _LARGEST_FORCE, f" limit {_LARGEST_FORCE:g} N", va="bottom", fontsize=9)
+    low.set(ylabel="force (N)", ylim=(0, 1.5 * max(_LARGEST_FORCE, float(force.max()))))
     taken = np.array([state.holder == "gripper" for state in states])
     if taken.any():
         first = int(np.argmax(taken))
