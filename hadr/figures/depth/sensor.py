@@ -47,7 +47,7 @@ def draw_sensor_comparison(columns: Mapping[str, Mapping[str, Any]]) -> Figure:
                 middle = float(np.median(values))
                 ax.hlines(middle, place - 0.34, place + 0.34, color=color, lw=2)
         short = [_COLUMNS[n][0].replace("on a ", "").replace("in a ", "") for n in groups]
-        ax.set_xticks(range(len(groups)), short, fontsize=8)
+        ax.set_xticks(range(len(groups)), short, fontsize=7)
         ax.set(title=title, ylabel=unit, xlim=(-0.6, len(groups) - 0.4))
         ax.title.set_fontsize(10)
         if unit == "cm":  # in a hand the wall may be metres away
