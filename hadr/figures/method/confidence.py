@@ -64,8 +64,10 @@ def draw_sparsification(
     last = share[-1]
     ax.text(last, found[0], "by chance", ha="right", va="bottom", color=COLORS["raw"])
     ax.text(share[len(share) // 2], best[len(best) // 2], " oracle", va="bottom")
-    below = {"xytext": (0, -6), "textcoords": "offset points", "ha": "right", "va": "top"}
-    ax.annotate("by confidence", (last, found[-1]), color=COLORS["hadr"], **below)
+    ax.annotate(
+        "by confidence", (last, found[-1]), xytext=(0, -6), textcoords="offset points",
+        ha="right", va="top", color=COLORS["hadr"],
+    )  # fmt: skip
     ax.set(xlabel="dropped (%)", ylabel="RMSE of the rest (cm)", xlim=(0, 100))
     ax.set_ylim(0, 1.15 * max(found.max(), found[0]))
 
