@@ -360,3 +360,10 @@ def test_a_truncated_exr_is_one_sentence(tmp_path, capfd):
     with pytest.raises(ValueError, match=r"is not a whole OpenEXR image: its [0-9]+ bytes"):
         read_depth(tmp_path / "half.exr")
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_file_that_would_fill_the_memory_is_not_read(tmp_path, monkeypatch):
+    monkeypatch.setattr("hadr.frame_io.LARGEST_FILE", 9)
+    (tmp_path / "rgb.png").write_bytes(bytes(10))
+    with pytest.raises(ValueError, match=r"rgb\.png has 10 bytes, the most are 9"):
+        read_color(tmp_path / "rgb.png")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -129,6 +130,11 @@ def test_unreachable_weights_are_one_sentence_that_says_what_to_do(
     with pytest.raises(OSError, match=r"swin-tiny-patch4-window7-224.*could not be fetched"):
         build_swin(config)
     assert caplog.text == ""
+
+
+def test_a_folder_is_no_name_of_published_weights(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="expected a name of the public hub"):
+        build_swin(BackboneConfig(pretrained=str(tmp_path)))
 
 
 def test_weights_of_another_size_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

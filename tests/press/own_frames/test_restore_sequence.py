@@ -1,6 +1,7 @@
 """A folder of frames: each has its result, the film shows all, and what is refused is named."""
 
 import json
+import os
 from pathlib import Path
 
 import cv2
@@ -31,6 +32,17 @@ def frames(tmp_path):
     words = [f"--{part}={tmp_path / part}" for part in ("rgb", "depth", "mask")]
     words += [f"--intrinsics={tmp_path / 'camera.json'}", f"--out={tmp_path / 'out'}"]
     return tmp_path, ["restore", *words]
+
+
+def test_a_name_that_no_record_can_hold_is_named(frames, capsys):
+    folder, words = frames
+    try:
+        (folder / "rgb" / os.fsdecode(b"f\xff.png")).touch()
+    except OSError:
+        pytest.skip("this file system takes names of UTF-8 alone")
+    assert main(words) == 2
+    assert r"f\udcff.png': its name can't be written down" in capsys.readouterr().err
+    assert not (folder / "out").exists()
 
 
 def content(folder):
