@@ -157,6 +157,12 @@ def _second(file: ResultFile, printed: Mapping[str, Sequence[float]]) -> Iterato
     )  # fmt: skip
 
 
+def _of_seeds(row: Row) -> float:
+    """The standard error of a row's RMSE over its seeds, metres; 0 where there is one alone."""
+    spread: float | None = row["seed_sd"]["rmse_m"]
+    return 0.0 if spread is None else spread / math.sqrt(len(row["seeds"]))
+
+
 def _ablation_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
     name = f"{FOLDER}/ablation.json"
     file = read_result_file(results / name)
@@ -176,7 +182,8 @@ def _ablation_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
     for method, (short, claimed) in words.items():
         row = file.row(method=method)
         gap = row["against_full"]
-        mean, doubt = gap["mean_difference_m"], gap["standard_error_m"]
+        mean = gap["mean_difference_m"]
+        doubt = math.hypot(gap["standard_error_m"], _of_seeds(row), _of_seeds(full))
         yield Claim(
             short,
             f"{claimed}: RMSE {theirs['Full Model']:.1f} to {theirs[PUBLISHED_NAMES[method]]:.1f} "
