@@ -187,9 +187,10 @@ def _open(paths: Sequence[str]) -> list[Checkpoint]:
     from hadr.training.checkpoints import load_checkpoint
     from hadr.training.evaluation import CLASSICAL
 
-    parts = [Path(path).absolute().with_suffix("").parts for path in paths]
+    loaded = [load_checkpoint(path) for path in paths]
+    parts = [Path(path).resolve().with_suffix("").parts for path in paths]
     found: list[Checkpoint] = []
-    for path, own in zip(paths, parts, strict=True):
+    for path, own, (model, meta) in zip(paths, parts, loaded, strict=True):
         for length in range(1, len(own) + 1):
             names = ["/".join(one[-length:]) for one in parts]
             title = "/".join(own[-length:])
@@ -197,5 +198,5 @@ def _open(paths: Sequence[str]) -> list[Checkpoint]:
                 break
         else:
             raise ValueError(f"the checkpoint {path} is named twice")
-        found.append(Checkpoint(title, *load_checkpoint(path)))
+        found.append(Checkpoint(title, model, meta))
     return found

@@ -137,7 +137,8 @@ def run(options: Options) -> int:
     size = int(meta["width"]), int(meta["height"])
     tested = options.test_objects or options.objects
     given = check_data(options.data, ("train", "val"), options.objects)
-    check_data(options.data, ("test",), tested)
+    alike = tested == options.objects
+    check_data(options.data, ("train", "val", "test") if alike else ("test",), tested)
     learned_from, held_back, unseen = (
         _frames(options, split, objects)
         for split, objects in (

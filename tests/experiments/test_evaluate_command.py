@@ -97,6 +97,9 @@ def test_networks_of_one_name_and_one_called_as_a_method_keep_rows_of_their_own(
     assert list(rows)[4:] == ["a/run/best", "b/run/best", "c/nearest"]
     with pytest.raises(ValueError, match=r"best\.safetensors is named twice"):
         run(parse_options("evaluate", words[:1] * 2))
+    (tmp_path / "link.safetensors").symlink_to(words[0])
+    with pytest.raises(ValueError, match="is named twice"):
+        run(parse_options("evaluate", [words[0], str(tmp_path / "link.safetensors")]))
 
 
 def test_a_split_that_is_nowhere_is_named(tmp_path: Path) -> None:

@@ -222,6 +222,7 @@ def run(options: Options) -> int:
     from hadr.press.own_frames.restore_report import summary
 
     files = input_files(options)
+    check_names(*filter(None, files.values()), options.out)
 
     def check() -> None:
         read, out = filter(None, files.values()), Path(options.out)
@@ -245,6 +246,15 @@ def run(options: Options) -> int:
         )
         return 1
     return 0
+
+
+def check_names(*names: str) -> None:
+    """Refuse names that no record can hold, since they are no UTF-8."""
+    for name in names:
+        try:
+            name.encode()
+        except UnicodeEncodeError:
+            raise ValueError(f"rename {name!a}: its name can't be written down") from None
 
 
 def found_nothing(result: Restoration) -> bool:
@@ -294,10 +304,8 @@ def write_frame(folder: Path, made: Made) -> dict[str, Any]:
         keypoints = result.hand.keypoints.tolist()
         write_json(folder / "hand.json", {"keypoints": keypoints, **report["hand"]})
     write_point_cloud(folder / "cloud.ply", result.depth, made.color, made.camera)
-    figure = restore_report.comparison_figure(
-        made.color, made.depth, made.camera, result, made.truth
-    )
-    figure.savefig(folder / "comparison.png", dpi=130)
+    shown = made.color, made.depth, made.camera, result, made.truth
+    restore_report.write_comparison(folder / "comparison.png", *shown)
     seconds = made.seconds | {"write": time.perf_counter() - started}
     report["seconds"] = {name: round(value, 3) for name, value in seconds.items()}
     report["outputs"] = outputs(folder)

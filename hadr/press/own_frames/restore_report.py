@@ -97,6 +97,13 @@ def report(
     }
 
 
+def write_comparison(path: Path, *shown: Any) -> None:
+    """Write what `comparison_figure` draws of the same, whatever a `matplotlibrc` says."""
+    with rc_context():
+        rcdefaults()
+        comparison_figure(*shown).savefig(path, dpi=130)
+
+
 def comparison_figure(
     color: NDArray[np.uint8],
     depth: NDArray[np.floating],
@@ -110,7 +117,6 @@ def comparison_figure(
     """
     target = result.mask
     with rc_context():
-        rcdefaults()  # not what a file of the current folder says
         panels.use_style()
         height = 0.9 + 9.8 * depth.shape[0] / depth.shape[1]
         figure: Figure = Figure(figsize=(11, height), dpi=130)

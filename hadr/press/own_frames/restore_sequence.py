@@ -16,6 +16,7 @@ from hadr.frame_io import read_color
 from hadr.press.own_frames.restore_command import (
     MEDIAPIPE,
     Options,
+    check_names,
     found_nothing,
     input_files,
     outputs,
@@ -105,8 +106,7 @@ def sequence_frames(options: Options) -> dict[str, Options]:
         for path in sorted(Path(given).iterdir()):
             if path.name.startswith(".") or path.name in _OF_SYSTEMS or path.is_dir():
                 continue
-            if not str(path).isprintable():
-                raise ValueError(f"rename {str(path)!a}: its name can't be written down")
+            check_names(str(path))
             if path.stem in found:
                 raise ValueError(
                     f"{given} holds two files of frame {path.stem}, {Path(found[path.stem]).name} "

@@ -108,7 +108,10 @@ def clouds(folder: Path) -> list[Cloud]:
         written = report.outputs.get(name, {}).get("sha256")
         if not path.is_file() or written != file_sha256(path):
             raise ValueError(f"{path} is missing, or was changed since: restore the frame again")
-    camera, title = Intrinsics.from_dict(report.intrinsics), report.method_title
+    try:
+        camera, title = Intrinsics.from_dict(report.intrinsics), report.method_title
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
     depth, mask = read_depth(folder / "depth.npy"), read_mask(folder / "mask.png")
     sure = read_depth(folder / "confidence.npy")  # an image of numbers like depth
     there = valid_depth(depth)

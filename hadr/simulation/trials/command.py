@@ -17,7 +17,7 @@ from hadr.records.option_words import FILE, FOLDER, ID, LARGEST_SEED, MOST_JOBS,
 from hadr.records.output_folder import check_file, check_own, make_output_folder
 from hadr.records.provenance import machine_text, provenance, record_of, usable_cores
 from hadr.records.result_file import write_result_file
-from hadr.records.writing import sole_owner
+from hadr.records.writing import LOCK, sole_owner
 from hadr.simulation.trials import TRIAL_HOLDS, TRIAL_OBJECTS
 
 if TYPE_CHECKING:
@@ -134,7 +134,10 @@ def run(options: Options) -> int:
     from hadr.simulation.trials import experiment
     from hadr.simulation.trials.trial import CONDITIONS, Trial
 
-    if any(path.resolve().parent == (out / name).resolve() for name in CONDITIONS):
+    places = (path.resolve(), *path.resolve().parents)
+    if path.resolve() in (out.resolve(), (out / LOCK).resolve()) or any(
+        (out / name).resolve() in places for name in CONDITIONS
+    ):
         raise ValueError(f"--json {path} lies among the attempts' own files: name a file elsewhere")
     if options.watch:
         check_display()

@@ -147,8 +147,9 @@ def test_the_rows_file_is_no_attempt_s(
     out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--conditions", "perfect", "--objects", "0010", "--holds", 922]
-    assert call(out, *words, "--json", out / "perfect" / "0010-922.json") == 2
-    assert "lies among the attempts' own files" in capsys.readouterr().err
+    for name in ("perfect/0010-922.json", "perfect", "raw/sub/x.json", ".hadr-lock"):
+        assert call(out, *words, "--json", out / name) == 2
+        assert "lies among the attempts' own files" in capsys.readouterr().err
 
 
 def test_films_are_drawn_after_the_rows_are_written(
