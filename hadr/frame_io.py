@@ -35,7 +35,7 @@ from hadr.camera import (
 )
 from hadr.data.frame_pictures import JPEG_START, decode_image
 from hadr.hand import check_keypoints
-from hadr.records.reading import LARGEST_FILE, read_json
+from hadr.records.reading import check_size, read_json
 
 DEFAULT_DEPTH_SCALE = 0.001
 _HAND_WORDS = ("keypoints", "unit", "frame", "accepted", "problems", "source", "measured")
@@ -315,8 +315,7 @@ def check_there(path: Path, name: str) -> None:
     if not path.is_file():
         what = "is a pipe or a device" if path.exists() else "does not exist"
         raise FileNotFoundError(f"{name} file {path} {what}")
-    if (size := path.stat().st_size) > LARGEST_FILE:
-        raise ValueError(f"{name} {path} has {size} bytes, the most are {LARGEST_FILE}")
+    check_size(path)
 
 
 def _read_npy(path: Path, name: str) -> NDArray[Any]:

@@ -363,7 +363,7 @@ def test_a_truncated_exr_is_one_sentence(tmp_path, capfd):
 
 
 def test_a_file_that_would_fill_the_memory_is_not_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("hadr.frame_io.LARGEST_FILE", 9)
+    monkeypatch.setattr("hadr.records.reading.LARGEST_FILE", 9)
     (tmp_path / "rgb.png").write_bytes(bytes(10))
     with pytest.raises(ValueError, match=r"rgb\.png has 10 bytes, the most are 9"):
         read_color(tmp_path / "rgb.png")

@@ -38,12 +38,16 @@ def read_bytes(path: str | Path) -> bytes:
         ValueError: It is a folder, a device or a pipe, or has more than `LARGEST_FILE` bytes.
     """
     path = Path(path)
-    about = path.stat()
-    if not stat.S_ISREG(about.st_mode):
+    if not stat.S_ISREG(path.stat().st_mode):
         raise ValueError(f"{path} is no regular file")
-    if about.st_size > LARGEST_FILE:
-        raise ValueError(f"{path} has {about.st_size} bytes, the most are {LARGEST_FILE}")
+    check_size(path)
     return path.read_bytes()
+
+
+def check_size(path: Path) -> None:
+    """Raise a ValueError for a file of more than `LARGEST_FILE` bytes."""
+    if (size := path.stat().st_size) > LARGEST_FILE:
+        raise ValueError(f"{path} has {size} bytes, the most are {LARGEST_FILE}")
 
 
 def parse_json(text: str | bytes, where: str | Path) -> Any:

@@ -19,13 +19,13 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hadr.records.output_folder import MARKER
+
 if TYPE_CHECKING:
     import numpy.typing as npt
 
 PART = ".hadr-part-"
 """How the names begin of what is not finished."""
-MADE = ".hadr-made"
-"""The file by which a folder is known in which a result is being written."""
 LOCK = ".hadr-lock"
 """The file by which a run has a folder to itself, with words that say which run."""
 
@@ -103,8 +103,8 @@ def whole_folder(target: Path, command: str, check: Callable[[], object]) -> Ite
         )
     workshop = target.with_name(f".{target.name}.hadr")
     draft, former = workshop / "draft", workshop / "former"
-    strange = set(os.listdir(workshop)) - {LOCK, MADE} if workshop.is_dir() else set()
-    if workshop.is_symlink() or (strange and not (workshop / MADE).is_file()):
+    strange = set(os.listdir(workshop)) - {LOCK, MARKER} if workshop.is_dir() else set()
+    if workshop.is_symlink() or (strange and not (workshop / MARKER).is_file()):
         raise ValueError(
             f"{workshop}, where {target.name} would be written first, is somebody's own: move it "
             "away, or name another folder"
@@ -118,7 +118,7 @@ def whole_folder(target: Path, command: str, check: Callable[[], object]) -> Ite
 
     try:
         with _told_of(target, workshop), sole_owner(workshop, command):
-            (workshop / MADE).touch()
+            (workshop / MARKER).touch()
             tidy()
             try:
                 draft.mkdir()
@@ -130,7 +130,7 @@ def whole_folder(target: Path, command: str, check: Callable[[], object]) -> Ite
                 draft.rename(target)
             finally:
                 tidy()
-                (workshop / MADE).unlink(missing_ok=True)
+                (workshop / MARKER).unlink(missing_ok=True)
     finally:
         with contextlib.suppress(OSError):
             workshop.rmdir()

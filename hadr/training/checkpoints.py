@@ -25,7 +25,7 @@ from hadr.confidence.known_ground import Ground
 from hadr.corruption import CORRUPTIONS, Corruption
 from hadr.models.networks import NETWORKS
 from hadr.records.provenance import IF_CHANGED, plain, write_json
-from hadr.records.reading import LARGEST_FILE, parse_json, structured
+from hadr.records.reading import check_size, parse_json, structured
 from hadr.records.writing import write_whole
 
 _CHECKSUM = "sha256"
@@ -213,8 +213,7 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """The tensors and the record, whose checksum and fields are checked."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no checkpoint at {path}")
-    if (size := path.stat().st_size) > LARGEST_FILE:
-        raise ValueError(f"{path} has {size} bytes, the most are {LARGEST_FILE}")
+    check_size(path)
     try:
         with safe_open(path, framework="pt") as file:
             header = file.metadata() or {}

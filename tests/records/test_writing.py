@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hadr.records import writing
+from hadr.records.output_folder import MARKER
 from hadr.records.writing import (
     LOCK,
-    MADE,
     PART,
     sole_owner,
     whole_file,
@@ -70,7 +70,7 @@ def test_a_result_is_there_again_after_a_kill_between_the_renames(tmp_path):
     (workshop / "former").mkdir(parents=True)
     (workshop / "former" / "a.txt").write_text("1")
     (workshop / "draft").mkdir()
-    (workshop / MADE).touch()
+    (workshop / MARKER).touch()
     with (
         pytest.raises(RuntimeError),
         whole_folder(tmp_path / "out", "test", lambda: None),
