@@ -42,9 +42,9 @@ from hadr.records.result_file import read_result_file, write_result_file
 from hadr.training.recipe import Given
 
 if TYPE_CHECKING:
-    from hadr.simulation.trials.trial import Condition, Trial
+    from hadr.simulation.trials.trial import Trial
 
-    Attempts = Mapping[Condition, Sequence[Trial]]
+    Attempts = Mapping[str, Sequence[Trial]]
 
 KNOWN_ALONE = ("hadr-long",)
 """Trained for the known objects alone: it asks whether HADR had too few epochs."""
@@ -59,11 +59,13 @@ TABLE_RUNS: dict[str, Sequence[tuple[str, str]]] = {
     "segmentation": [("known", method) for method in IN_CONDITIONS],
 }
 """The runs that those result files need which are none of an experiment's."""
-REPRODUCED: tuple[Condition, ...] = (
-    "raw", "inpainted", "hadr", "hadr-plus", "hadr-plus-networks", "perfect", "hadr-no-rescoring",
-    "hadr-no-tracking",
-)  # fmt: skip
-"""The conditions of results/mini/handover.json; `hadr handover` alone leaves out hadr-plus's."""
+REPRODUCED: tuple[str, ...] = (
+    *("raw", "inpainted", "unet-hand", "hadr", "hadr-plus", "perfect"),
+    *("unet-hand-networks", "hadr-networks", "hadr-plus-networks", "perfect-networks"),
+    *("hadr-no-rescoring", "hadr-no-tracking"),
+    *("hadr-plus-no-rescoring", "hadr-plus-no-tracking", "hadr-plus-no-rescoring-no-tracking"),
+)
+"""The conditions of results/mini/handover.json; `hadr handover` alone makes six of them."""
 
 
 def plan(
@@ -265,7 +267,7 @@ def _measure_alone(bench: Bench, run: Run, parent: int) -> None:
     bench.measure(run)
 
 
-def planned_attempts(size: str, seed: int) -> dict[Condition, list[Trial]]:
+def planned_attempts(size: str, seed: int) -> dict[str, list[Trial]]:
     """The attempts of each condition: 48, and at preset tiny one, to see that everything runs."""
     from hadr.simulation.trials.experiment import attempts
 

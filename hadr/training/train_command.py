@@ -179,6 +179,8 @@ def starting_weights(path: str | Path, recipe: Preset) -> Any:
         raise ValueError(f"--start-from {path} is a {meta['network']}, expected {recipe.network}")
     form: Any = recipe.model
     stored = type(form).from_dict(meta["model"])
+    if getattr(stored, "lite", None) and form.lite:  # its weights are the file's, not ImageNet's
+        stored = replace(stored, lite=replace(stored.lite, pretrained=form.lite.pretrained))
     parts = [part.name for part in fields(form)]
     other = [name for name in parts if getattr(form, name) != getattr(stored, name)]
     if other:

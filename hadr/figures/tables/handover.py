@@ -17,15 +17,26 @@ from hadr.figures.panels import COLORS
 from hadr.figures.rows import draw_bar_rows
 from hadr.figures.tables.results import Row, markdown
 
+_SOURCES = {
+    "raw": ("sensor depth", "raw", "D"),
+    "inpainted": ("inpainted depth", "baseline", "s"),
+    "unet-hand": ("U-Net with the hand", "rival", "p"),
+    "hadr": ("HADR", "hadr", "o"),
+    "hadr-plus": ("HADR-plus", "robot", "*"),
+    "perfect": ("perfect depth", "truth", "P"),
+}
+"""Kinds of depth: how each is called, its colour and its marker."""
+_ADDED = {
+    "": "",
+    "-networks": ", all networks",
+    "-no-rescoring": ", no rescoring",
+    "-no-tracking": ", no tracking",
+    "-no-rescoring-no-tracking": ", without either",
+}
 CONDITIONS: dict[str, str] = {
-    "raw": "sensor depth",
-    "inpainted": "inpainted depth",
-    "hadr": "HADR",
-    "hadr-plus": "HADR-plus",
-    "hadr-plus-networks": "HADR-plus, all networks",
-    "hadr-no-rescoring": "HADR, no rescoring",
-    "hadr-no-tracking": "HADR, no tracking",
-    "perfect": "perfect depth",
+    source + added: name + words
+    for added, words in _ADDED.items()
+    for source, (name, _, _) in _SOURCES.items()
 }
 """How a condition of the experiment is called, in the order of the pictures."""
 SEEN = ("raw", "hadr", "hadr-plus", "perfect")
@@ -37,16 +48,6 @@ WORSE: dict[str, tuple[str, float]] = {
     "latency": ("from a picture to its answer (s)", 0.1),
 }
 """What can be made worse: how it is called, and what it is in the experiment."""
-_STYLE: dict[str, tuple[str, str]] = {
-    "raw": ("raw", "D"),
-    "inpainted": ("baseline", "s"),
-    "hadr": ("hadr", "o"),
-    "hadr-plus": ("robot", "*"),
-    "hadr-plus-networks": ("hand", "X"),
-    "hadr-no-rescoring": ("glass", "^"),
-    "hadr-no-tracking": ("voxel", "v"),
-    "perfect": ("truth", "P"),
-}
 _KIND_STYLE = (
     ("hand", ""),
     ("baseline", "//"),
@@ -57,9 +58,12 @@ _KIND_STYLE = (
 )
 
 
-def condition_color(condition: str) -> str:
-    """Colour of a condition in all pictures of the experiment."""
-    return COLORS[_STYLE.get(condition, ("background", "X"))[0]]
+def _style(condition: str) -> tuple[str, str]:
+    """Colour and marker of a condition in all pictures of the experiment: its depth's."""
+    for source in sorted(_SOURCES, key=len, reverse=True):  # "hadr-plus" before "hadr"
+        if condition.startswith(source):
+            return COLORS[_SOURCES[source][1]], _SOURCES[source][2]
+    return COLORS["background"], "X"
 
 
 def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]) -> str:
@@ -151,7 +155,7 @@ def draw_success(ax: Axes, rows: Sequence[Row], *, published: float) -> None:
     """Draw each condition's rate of success with its 95 % interval; the paper's as a line."""
     chosen = _ordered(rows)
     rate, low, high = np.array([_rate(row) for row in chosen]).T
-    colors = [condition_color(row["condition"]) for row in chosen]
+    colors = [_style(row["condition"])[0] for row in chosen]
     names = [CONDITIONS.get(str(row["condition"]), str(row["condition"])) for row in chosen]
     pale = [to_rgba(color, 0.45) for color in colors]
     draw_bar_rows(ax, names, {"": rate}, [pale], edges=colors)
@@ -197,10 +201,10 @@ def draw_degradation(ax: Axes, rows: Sequence[Row], key: str) -> None:
         x, rate, low, high = np.array(points).T
         # beside each other, so that intervals don't cover each other
         aside = gap * (number - (len(conditions) - 1) / 2)
-        marker = _STYLE.get(condition, ("background", "X"))[1]
+        color, marker = _style(condition)
         ax.errorbar(
             x + aside, rate, yerr=[np.maximum(rate - low, 0), np.maximum(high - rate, 0)],
-            color=condition_color(condition), marker=marker, ms=6, capsize=3, lw=1.6,
+            color=color, marker=marker, ms=6, capsize=3, lw=1.6,
             label=CONDITIONS.get(condition, condition),
         )  # fmt: skip
     ax.axvline(standard, color=COLORS["raw"], lw=0.8, ls=":")

@@ -35,9 +35,10 @@ from hadr.trained_finders import HandKeypoints, Segmentation
 from hadr.trained_networks import DepthNetwork
 from hadr.training.checkpoints import read_record
 
-DepthSource = Literal["raw", "inpainted", "hadr", "hadr-plus", "perfect"]
+DepthSource = Literal["raw", "inpainted", "unet-hand", "hadr", "hadr-plus", "perfect"]
 SOURCES: tuple[DepthSource, ...] = get_args(DepthSource)
 CHECKPOINTS = {
+    "unet-hand": "unet-hand-handover.safetensors",
     "hadr": "hadr-handover.safetensors",
     "hadr-plus": "hadr-plus-handover.safetensors",
     "segmentation": "segmentation-handover.safetensors",
@@ -70,8 +71,8 @@ class Sight:
 
     Args:
         source: Where the object's depth comes from: "raw" takes what the sensor measured,
-            "inpainted" fills the mask from around it, "hadr" and "hadr-plus" restore it, "perfect"
-            knows it.
+            "inpainted" fills the mask from around it, "unet-hand", "hadr" and "hadr-plus" restore
+            it, "perfect" knows it.
         seed: Seed of all noise, which differs from hold to hold.
         finder: Networks that find mask and keypoints in each picture, which are then steadied from
             picture to picture; the simulator's, with noise, where it is left out.

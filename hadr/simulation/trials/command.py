@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -22,7 +22,7 @@ from hadr.simulation.trials import TRIAL_HOLDS, TRIAL_OBJECTS
 
 if TYPE_CHECKING:
     from hadr.handover.stages import Stage
-    from hadr.simulation.trials.trial import Condition, Run, Trial
+    from hadr.simulation.trials.trial import Run, Trial
     from hadr.simulation.world.physics import World
     from hadr.simulation.world.state import WorldState
 
@@ -34,12 +34,14 @@ EPILOG = """\
 conditions (--conditions)
   raw                 the depth that the camera measured
   inpainted           the glass filled in from around it
-  hadr, hadr-plus     restored by a bundled network trained for this camera
+  unet-hand, hadr, hadr-plus
+                      restored by a bundled network trained for this camera
   perfect             the true depth
-  hadr-no-rescoring   hadr, grasps by their own score alone
-  hadr-no-tracking    hadr, the robot does not follow the hand
-  hadr-plus-networks  hadr-plus, and networks find the mask and the keypoints,
-                      which the simulator gives in all others, with noise
+and after any of them, in this order
+  -no-rescoring       grasps by their own score alone
+  -no-tracking        the robot does not follow the hand
+  -networks           networks find the mask and the keypoints, which else are
+                      the simulator's, with noise
 
 examples
   hadr handover --conditions hadr --objects 0004 --holds 902 --film \\
@@ -110,6 +112,8 @@ class Options:
     """Pictures a second, 50 divided by a whole number."""
     latency: float = 0.1
     """Seconds from a picture to what is seen in it."""
+    time_limit: float = 13.0
+    """Seconds until an attempt has failed; HandoverSim's 13."""
     film: bool = False
     """Write an MP4 of each attempt, one by one: about a minute each."""
     watch: bool = False
@@ -149,10 +153,11 @@ def run(options: Options) -> int:
         restless=options.restless,
         picture_rate=options.picture_rate,
         latency=options.latency,
+        time_limit=options.time_limit,
     )
     plan = {
         name: experiment.attempts(
-            cast("Condition", name),
+            name,
             objects=options.objects,
             holds=options.holds,
             seed=options.seed,
@@ -290,7 +295,7 @@ def _what(options: Options) -> str:
         f"{' '.join(map(str, options.holds))}, seed {options.seed}, hand's speed "
         f"x{options.hand_speed:g}{', restless' * options.restless}, camera turned by "
         f"{options.extrinsics_error:g} degrees, {options.picture_rate:g} pictures a second, "
-        f"latency {options.latency:g} s; "
+        f"latency {options.latency:g} s, time limit {options.time_limit:g} s; "
         f"{_origin_of_masks(options.conditions)}; success by HandoverSim's rules"
     )
 

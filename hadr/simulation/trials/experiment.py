@@ -35,7 +35,7 @@ from hadr.records.result_file import digest, is_sealed, seal_row, sealed_row
 from hadr.records.writing import set_aside
 from hadr.simulation.film.film import film_frames, write_film
 from hadr.simulation.trials import TRIAL_HOLDS, TRIAL_OBJECTS
-from hadr.simulation.trials.trial import Condition, Trial, run_trial
+from hadr.simulation.trials.trial import Trial, run_trial
 from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState, load_states, save_states
 
@@ -44,7 +44,7 @@ Report = Callable[[Trial, dict[str, Any]], None]
 
 
 def attempts(
-    condition: Condition,
+    condition: str,
     *,
     objects: Sequence[str] = TRIAL_OBJECTS,
     holds: Sequence[int] = TRIAL_HOLDS,

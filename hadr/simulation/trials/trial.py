@@ -7,14 +7,14 @@ Everything random comes from the attempt's seed, so the same attempt ends in the
 
 from __future__ import annotations
 
-import re
 import time as clock
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import combinations
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any, cast
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from hadr.records.provenance import IF_CHANGED, record_of
 from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.camera.sight import (
     CHECKPOINTS,
+    SOURCES,
     DepthSource,
     Look,
     Sight,
@@ -46,18 +47,24 @@ from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.objects import glass_object
 
-Condition = Literal[
-    "raw",
-    "inpainted",
-    "hadr",
-    "hadr-plus",
-    "perfect",
-    "hadr-no-rescoring",
-    "hadr-no-tracking",
-    "hadr-plus-networks",
-]
-CONDITIONS: tuple[Condition, ...] = get_args(Condition)
-CODE = ("hadr.simulation.trials.trial", "hadr.models.hadr", "hadr.models.hadr_plus")
+ADDED = ("no-rescoring", "no-tracking", "networks")
+"""What may follow a kind of depth in a condition's name, each after a dash, in this order: grasps
+by their own score alone; a robot that stays with the pose that it chose; masks and keypoints from
+networks."""
+CONDITIONS: tuple[str, ...] = tuple(
+    "-".join((source, *added))
+    for count in range(len(ADDED) + 1)
+    for added in combinations(ADDED, count)
+    for source in SOURCES
+)
+"""Names of all conditions, the kinds of depth alone first."""
+_CONDITION = f"be one of {', '.join(SOURCES)}, and may have -{', -'.join(ADDED)} in this order"
+CODE = (
+    "hadr.simulation.trials.trial",
+    "hadr.models.hadr",
+    "hadr.models.hadr_plus",
+    "hadr.rivals.unet_hand",
+)
 """Modules with which an attempt begins: this one, and those of networks that are loaded by name."""
 PLANNING_TIME = 0.16
 """Seconds of the simulated world that a search for a grasp takes; the arm stands meanwhile. It is
@@ -99,8 +106,7 @@ class Trial:
     Attributes:
         object_id: Which object.
         hold_number: Which of its holding poses.
-        condition: Whose depth the robot sees, and what is switched off; with "-networks"
-            mask and keypoints are those of networks, too.
+        condition: One of `CONDITIONS`: whose depth the robot sees, and what of `ADDED` differs.
         seed: Seed of place, motion, noise and of the grasps' draws.
         hand_speed: Factor on the speed of the hand's motion.
         extrinsics_error_deg: The camera stands turned by this angle from what its calibration says.
@@ -112,7 +118,7 @@ class Trial:
 
     object_id: str
     hold_number: int
-    condition: Condition = "hadr"
+    condition: str = "hadr"
     seed: int = 0
     hand_speed: float = 1.0
     extrinsics_error_deg: float = 0.0
@@ -129,7 +135,7 @@ class Trial:
         for name, fine, words in (
             ("hold_number", self.hold_number >= 0, "be 0 or more"),
             ("seed", self.seed >= 0, "be 0 or more"),
-            ("condition", self.condition in CONDITIONS, f"be one of {', '.join(CONDITIONS)}"),
+            ("condition", self.condition in CONDITIONS, _CONDITION),
             ("hand_speed", 0 < self.hand_speed < np.inf, "be a factor above 0"),
             ("extrinsics_error_deg", 0 <= self.extrinsics_error_deg <= 90, "lie in 0..90"),
             ("time_limit", 0 < self.time_limit < np.inf, "be seconds above 0"),
@@ -169,12 +175,14 @@ def _code() -> str:
     return code_digest(*CODE, without=("hadr.models.networks",))  # it leads to every network
 
 
-def depth_source(condition: Condition) -> DepthSource:
-    """Where a condition's depth comes from: its name without what is switched off or added."""
-    return cast("DepthSource", re.sub("-(no-rescoring|no-tracking|networks)$", "", condition))
+def depth_source(condition: str) -> DepthSource:
+    """Where a condition's depth comes from: its name without what differs."""
+    for words in reversed(ADDED):
+        condition = condition.removesuffix(f"-{words}")
+    return cast("DepthSource", condition)
 
 
-def network_files(condition: Condition) -> dict[str, Path]:
+def network_files(condition: str) -> dict[str, Path]:
     """The bundled checkpoints that a condition uses, by their names in `sight`."""
     found = ("segmentation", "keypoints") if finds_by_networks(condition) else ()
     names = (depth_source(condition), *found)
@@ -270,7 +278,7 @@ def run_trial(
 
     look = whole if spoil is None else spoil(whole)
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
-    by_wishes = trial.condition != "hadr-no-rescoring"
+    by_wishes = "-no-rescoring" not in trial.condition
     choose = GraspSelection(rng, base_from_camera[:3, 3], rescoring=by_wishes)
     searches: list[float] = []  # seconds
 
@@ -283,7 +291,7 @@ def run_trial(
 
     config = replace(
         ATTEMPT_CONFIG,
-        tracking=trial.condition != "hadr-no-tracking",
+        tracking="-no-tracking" not in trial.condition,
         safety=replace(
             ATTEMPT_CONFIG.safety,
             human_uncertainty=keypoint_uncertainty(by_networks=finder is not None),

@@ -1,8 +1,9 @@
-"""How the hand moves while it holds something out: five kinds, each reproducible from its seed.
+"""How the hand moves while it holds something out: six kinds, each reproducible from its seed.
 
 People who hand something over come to rest, so every motion but the tremor dies down, unless the
-hand is restless; the hand of `give-and-withdraw` offers, pulls back, waits, and offers again. All
-in the robot's base frame.
+hand is restless; the hand of `give-and-withdraw` offers, pulls back, waits, and offers again, that
+of `step-aside` goes with its person to another place and offers there. All in the robot's base
+frame.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from hadr.handover.poses import Array
 from hadr.simulation.world.scenes import HeldScene
 
-MotionKind = Literal["still", "drift", "swing", "turn", "give-and-withdraw"]
+MotionKind = Literal["still", "drift", "swing", "turn", "give-and-withdraw", "step-aside"]
 KINDS: tuple[MotionKind, ...] = get_args(MotionKind)
 
 _TREMOR_SHARES = np.array([0.8, 0.52, 0.3])
@@ -44,6 +45,9 @@ offer again along each axis, metres."""
 WITHDRAW_AT, WITHDRAW_LASTS, WITHDRAWN_FOR = (1.5, 3.0), 1.0, (1.0, 2.0)
 """Earliest and latest time at which it starts to; how long the way back takes, and the way forth;
 shortest and longest wait between the two, seconds."""
+STEP, STEP_AT, STEP_LASTS = (0.12, 0.20), (1.5, 3.0), 1.0
+"""Shortest and longest way of a step to the side, metres; earliest and latest time at which it
+begins, and how long it takes, seconds."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ class SeededMotion:
         wrist: Its place at the start, base frame, metres, (3,): what turns, turns about it.
         seed: Chooses directions, periods and times.
         speed: 1 is normal; 3 goes through the same motion three times as fast. When a hand comes
-            to rest, and when it withdraws, does not depend on it.
+            to rest, and when it withdraws or steps aside, does not depend on it.
         restless: A drift, a swing or a turn goes on for good.
     """
 
@@ -89,6 +93,8 @@ class SeededMotion:
             back = _eased((time - drawn.leaves) / lasts)
             forth = _eased((time - drawn.leaves - lasts - drawn.waits) / lasts)
             out[0] += back * drawn.way_back + forth * (drawn.again - drawn.way_back)
+        elif self.kind == "step-aside":
+            out[0] += _eased((time - drawn.steps_at) / (STEP_LASTS / self.speed)) * drawn.step
         return out
 
     def _tremor(self, time: float) -> Array:
@@ -107,13 +113,14 @@ class SeededMotion:
         periods = rng.uniform(*PERIODS.get(self.kind, DRIFT_PERIODS), size=(2, 3))
         signs = rng.choice([-1.0, 1.0], size=(2, 3))
         bearing = np.pi / 2 + rng.uniform(-0.5, 0.5)  # sideways, seen from the robot
+        aside = np.array([np.cos(bearing), np.sin(bearing), 0.0])
         axis = rng.normal(size=3)
         back = np.array([1.0, *rng.uniform(-0.3, 0.3, size=2)])
         bands = [rng.uniform(low, high, size=(2, 3)) for low, high in _TREMOR_BANDS]
         return SimpleNamespace(
             periods=periods,
             signs=signs,
-            aside=np.array([np.cos(bearing), np.sin(bearing), 0.0]),  # of a swing
+            aside=aside,  # of a swing
             axis=axis / np.linalg.norm(axis),  # of a turn
             tremor_frequencies=np.stack(bands, axis=2),  # (2, 3, 3)
             tremor_phases=rng.uniform(0, 2 * np.pi, size=(2, 3, 3)),
@@ -121,6 +128,8 @@ class SeededMotion:
             leaves=float(rng.uniform(*WITHDRAW_AT)),
             waits=float(rng.uniform(*WITHDRAWN_FOR)),
             again=rng.uniform(-GIVEN_AGAIN, GIVEN_AGAIN, size=3),
+            step=-rng.uniform(*STEP) * aside,  # to the side on which the camera sees farther
+            steps_at=float(rng.uniform(*STEP_AT)),
         )
 
 
@@ -144,7 +153,7 @@ def _eased(share: float) -> float:
 
 
 def kind_for(object_id: str, hold_number: int, seed: int = 0) -> MotionKind:
-    """Which motion an attempt has: five holds in a row of one object have all five kinds."""
+    """Which motion an attempt has: six holds in a row of one object have all six kinds."""
     return KINDS[(int(object_id) + hold_number + seed) % len(KINDS)]
 
 
