@@ -119,6 +119,10 @@ def test_a_start_must_be_a_network_of_the_same_form() -> None:
     recipe = recipe_from(parsed())
     start = starting_weights(checkpoints / "hadr-mini.safetensors", recipe)
     assert sum(p.numel() for p in start.parameters()) == 2708160
+    seeing = recipe_from(parsed("--preset", "imagenet"))
+    assert not starting_weights(checkpoints / "hadr-imagenet.safetensors", seeing).training
+    with pytest.raises(ValueError, match=r"differs from the preset's network in .*lite"):
+        starting_weights(checkpoints / "hadr-imagenet.safetensors", recipe)
     with pytest.raises(ValueError, match="is a segmentation, expected hadr"):
         starting_weights(checkpoints / "segmentation-mini.safetensors", recipe)
     with pytest.raises(ValueError, match=r"differs from the preset's network in hand$"):

@@ -121,7 +121,7 @@ class RobotCamera:
         size = [self.intrinsics.width - 0.5, self.intrinsics.height - 0.5]
         inside: Mask = (uv >= -0.5) & (uv <= size)  # NaN is outside
         found: Mask = np.asarray(inside.all(axis=1))
-        parts = self._arm_in_view(state)
+        parts = self._arm_in_view(state, uv[found]) if found.any() else []
         if parts:
             camera_from_base = np.linalg.inv(self.base_from_camera).astype(np.float64)
             arm = merged(tuple(surface for surface, _ in parts)).moved(camera_from_base)
@@ -139,13 +139,18 @@ class RobotCamera:
         hidden: Mask = behind * np.linalg.norm(rays, axis=1) > UNDER_SKIN
         return hidden
 
-    def _arm_in_view(self, state: WorldState) -> list[Part]:
-        """The arm's parts that a ray of this camera may meet: most of it is beside the picture."""
+    def _arm_in_view(self, state: WorldState, pixels: Array | None = None) -> list[Part]:
+        """The arm's parts that a ray of this camera may meet: most of it is beside the picture.
+
+        Of rays that lie among some pixels (n, 2), where they are given.
+        """
         camera_from_base = np.linalg.inv(self.base_from_camera)
         # the picture is the part of space on the inner side of four planes through the camera
         c = self.intrinsics
-        left, right = (-0.5 - c.cx) / c.fx, (c.width - 0.5 - c.cx) / c.fx
-        top, bottom = (-0.5 - c.cy) / c.fy, (c.height - 0.5 - c.cy) / c.fy
+        if pixels is None:
+            pixels = np.array([[0, 0], [c.width - 1, c.height - 1]])
+        left, top = (pixels.min(axis=0) - 0.5 - [c.cx, c.cy]) / [c.fx, c.fy]
+        right, bottom = (pixels.max(axis=0) + 0.5 - [c.cx, c.cy]) / [c.fx, c.fy]
         inward = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]])
         seen = []
         for part in arm_surfaces(state.joints, state.gripper_width):

@@ -40,7 +40,7 @@ def test_labels_equal_those_of_the_exact_ray_caster_on_the_moved_scene(
     scene: HeldScene, at: Callable[..., WorldState], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     camera = RobotCamera()
-    monkeypatch.setattr(RobotCamera, "_arm_in_view", lambda self, state: [])
+    monkeypatch.setattr(RobotCamera, "_arm_in_view", lambda self, *_: [])
     wrist = shifted(scene.base_from_wrist, [0.03, -0.05, 0.02])
     wrist[:3, :3] = Rotation.from_rotvec([0.1, 0.2, -0.3]).as_matrix() @ wrist[:3, :3]
     item = wrist @ scene.hold.wrist_from_object
@@ -128,7 +128,7 @@ def test_leaving_out_parts_beside_the_picture_changes_nothing(
     assert few.arm_mask.any()
     everything = arm_surfaces(HOME_JOINTS, 0.085)
     assert len(camera._arm_in_view(at(scene, 0.0))) < len(everything) / 2
-    monkeypatch.setattr(RobotCamera, "_arm_in_view", lambda self, state: everything)
+    monkeypatch.setattr(RobotCamera, "_arm_in_view", lambda self, *_: everything)
     full = camera.capture(at(scene, 0.0), scene, np.random.default_rng(0), color=False)
     np.testing.assert_array_equal(few.depth, full.depth)
 

@@ -65,8 +65,7 @@ def test_sources_see_the_same_hand_and_mask_and_differ_in_depth(
     true = seen["perfect"].object_points
     errors = {source: abs(np.median(seen[source].object_points[:, 2] - np.median(true[:, 2])))
               for source in SOURCES}  # fmt: skip
-    assert errors["hadr"] < 0.03
-    assert errors["hadr-plus"] < 0.03
+    assert max(errors[name] for name in ("unet-hand", "hadr", "hadr-plus")) < 0.03
     assert errors["raw"] > 0.2
     assert errors["inpainted"] > 0.2
     # the mask's pixels without depth give no points
@@ -125,7 +124,7 @@ def test_keypoints_behind_the_gripper_are_guessed(
     hidden = Sight(scene, camera, "raw", seed=1).look(state, with_points=False).keypoints
     monkeypatch.setattr(sight, "SMALLEST_VISIBLE", int(free.sum()) + 1)
     assert Sight(scene, camera, "raw").look(state, with_points=False).keypoints is None
-    monkeypatch.setattr(RobotCamera, "_arm_in_view", lambda self, state: [])
+    monkeypatch.setattr(RobotCamera, "_arm_in_view", lambda self, *_: [])
     in_view = Sight(scene, camera, "raw", seed=1).look(state, with_points=False).keypoints
     guessed_anyway = camera.behind_hand_or_glass(true, state, scene)
     factor = np.where(free | guessed_anyway, 1.0, 2.0)[:, None]

@@ -10,9 +10,10 @@ import pytest
 
 from hadr.cli import main
 from hadr.records.result_file import read_result_file
+from hadr.simulation.camera.sight import SOURCES
 from hadr.simulation.trials import TRIAL_OBJECTS, experiment
 from hadr.simulation.trials import command as handover_command
-from hadr.simulation.trials.trial import CONDITIONS, Run, Trial
+from hadr.simulation.trials.trial import ADDED, Run, Trial
 
 
 @pytest.fixture
@@ -38,7 +39,7 @@ def test_help_is_a_manual_and_imports_nothing_heavy() -> None:
     text = "\n".join(lines)
     for said in ("examples", "metres", "newtons", "exit status", "handover.json", "-log.npz"):
         assert said in text
-    for said in (*CONDITIONS, *TRIAL_OBJECTS, "degrees"):
+    for said in (*SOURCES, *(f"-{words}" for words in ADDED), *TRIAL_OBJECTS, "degrees"):
         assert f" {said}" in text
 
 
@@ -46,8 +47,10 @@ def test_help_is_a_manual_and_imports_nothing_heavy() -> None:
     ("words", "says"),
     [
         (["--conditions", "rau"],
-         "condition must be one of raw, inpainted, hadr, hadr-plus, perfect, "
-         "hadr-no-rescoring, hadr-no-tracking, hadr-plus-networks, got 'rau'"),
+         "condition must be one of raw, inpainted, unet-hand, hadr, hadr-plus, perfect, and may "
+         "have -no-rescoring, -no-tracking, -networks in this order, got 'rau'"),
+        (["--conditions", "raw-networks-no-tracking"], "in this order, got 'raw-networks-no-tr"),
+        (["--time-limit", "0"], "time_limit must be seconds above 0, got 0.0"),
         (["--conditions", "raw", "raw"], "--conditions names raw twice"),
         (["--jobs", f"1{30 * '0'}"], "--jobs must be from 1 to 1024, got 1000"),
         (["--seed", "-1"], "--seed must be from 0 to 9223372036854775807, got -1"),

@@ -28,7 +28,7 @@ from hadr.records import dependencies
 from hadr.records.dependencies import modules_behind
 from hadr.records.provenance import record_of
 from hadr.records.result_file import digest
-from hadr.simulation.camera.sight import CHECKPOINTS
+from hadr.simulation.camera.sight import CHECKPOINTS, SOURCES
 from hadr.simulation.trials import experiment
 from hadr.simulation.trials.experiment import (
     attempts,
@@ -39,7 +39,7 @@ from hadr.simulation.trials.experiment import (
     is_finished,
     run_attempts,
 )
-from hadr.simulation.trials.trial import CODE, CONDITIONS, Run, Trial, _code
+from hadr.simulation.trials.trial import CODE, CONDITIONS, Run, Trial, _code, depth_source
 from hadr.training.checkpoints import load_checkpoint
 
 
@@ -150,12 +150,13 @@ def test_other_networks_are_other_attempts(monkeypatch: pytest.MonkeyPatch, tmp_
         return {name for name in before if before[name] != after[name]}
 
     assert settings() == settings()
-    of_hadr = {"hadr", "hadr-no-rescoring", "hadr-no-tracking"}
+    by_networks = {name for name in CONDITIONS if name.endswith("-networks")}
+    of = {source: {n for n in CONDITIONS if depth_source(n) == source} for source in SOURCES}
+    assert {len(names) for names in of.values()} == {8}
     for name, concerned in [
-        ("hadr", of_hadr),
-        ("hadr-plus", {"hadr-plus", "hadr-plus-networks"}),
-        ("segmentation", {"hadr-plus-networks"}),
-        ("keypoints", {"hadr-plus-networks"}),
+        *((name, of[name]) for name in ("unet-hand", "hadr", "hadr-plus")),
+        ("segmentation", by_networks),
+        ("keypoints", by_networks),
     ]:
         file = tmp_path / "checkpoints" / CHECKPOINTS[name]
         assert changed_by(lambda file=file: file.write_bytes(b"another")) == concerned

@@ -107,6 +107,18 @@ def test_a_hand_gives_withdraws_and_gives_again(seed: int, no_tremor: None) -> N
     np.testing.assert_array_equal(path[-1], path[-100])
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_hand_steps_aside_once_and_stays_there(seed: int, no_tremor: None) -> None:
+    path = wrist_path(SeededMotion("step-aside", WRIST, seed)) - WRIST
+    away = np.linalg.norm(path, axis=1)
+    assert (np.diff(away) >= 0).all()
+    assert 0.12 <= away[-1] <= 0.20
+    assert -path[-1, 1] > 0.8 * away[-1]  # to the robot's right, which its camera sees
+    begins, ends = TIMES[away > 0.005 * away[-1]][0], TIMES[away > 0.995 * away[-1]][0]
+    assert 1.5 <= begins <= 3.3
+    assert 0.6 < ends - begins < 1.0
+
+
 def test_speed_goes_through_the_same_motion_faster(no_tremor: None) -> None:
     slow, fast = (SeededMotion("drift", WRIST, 7, speed, restless=True) for speed in (1.0, 3.0))
     for time in (0.3, 1.0, 2.2):
