@@ -9,23 +9,18 @@
     python benchmarks/bundle_checkpoints.py --made OUT --data DIR data_samples/frames \\
         --only hadr-mini hadr-plus-mini hand-keypoints-mini segmentation-mini
 
-    hadr reproduce --preset imagenet --data NEAR --only known/hadr known/hadr-plus --out OUT
+    hadr reproduce --preset imagenet --data NEAR --out OUT \\
+        --only known/hadr known/hadr-plus known/unet-hand segmentation
     python benchmarks/bundle_checkpoints.py --made OUT --data NEAR \\
         --only hadr-imagenet hadr-plus-imagenet
 
     python benchmarks/handover_frames.py --out CAMERA
-    for network in hadr hadr-plus hand-keypoints; do  # options: each record has them
-        hadr train --network $network --preset mini --data CAMERA --corruption erased \\
-            --start-from data_samples/checkpoints/$network-mini.safetensors \\
-            --out OUT/handover/$network
+    for network in unet-hand hadr hadr-plus hand-keypoints segmentation; do
+        hadr train --network $network --preset imagenet --data CAMERA --corruption erased \\
+            --start-from FILE --out OUT/handover/$network  # options: each record has them
     done
-    python benchmarks/bundle_checkpoints.py --made OUT --data CAMERA --only hadr-handover \\
-        hadr-plus-handover hand-keypoints-handover
-
-    python benchmarks/handover_frames.py --out VIEWS --seed 1 --views 8 \\
-        --train 576 --val 128 --test 0
-    python benchmarks/handover_segmentation.py --data VIEWS --out OUT/handover/segmentation
-    python benchmarks/bundle_checkpoints.py --made OUT --data VIEWS --only segmentation-handover
+    python benchmarks/bundle_checkpoints.py --made OUT --data CAMERA --only unet-hand-handover \\
+        hadr-handover hadr-plus-handover hand-keypoints-handover segmentation-imagenet
 
 DIR is what `hadr generate --preset mini` has made, NEAR the same by the generator's second edition,
 3,000 frames. The last epoch's weights are taken, which was fixed beforehand, and stored as 16-bit
@@ -41,6 +36,7 @@ from pathlib import Path
 from hadr.cli import main as hadr
 from hadr.data.samples import samples_dir, write_manifest
 from hadr.experiments.protocol import Experiment, open_part
+from hadr.models.networks import DEPTH_NETWORKS
 from hadr.press.reproduce import checkout_root
 from hadr.synthesis.glass.objects import OBJECTS
 from hadr.training.checkpoints import load_checkpoint, strip_checkpoint, update_record
@@ -52,27 +48,24 @@ SOURCES: dict[str, tuple[str, Experiment | None]] = {
     "segmentation-mini": ("nets/segmentation", None),
     "hadr-imagenet": ("runs/known/hadr/seed-0", "known"),
     "hadr-plus-imagenet": ("runs/known/hadr-plus/seed-0", "known"),
+    "unet-hand-handover": ("handover/unet-hand", None),
     "hadr-handover": ("handover/hadr", None),
     "hadr-plus-handover": ("handover/hadr-plus", None),
     "hand-keypoints-handover": ("handover/hand-keypoints", None),
-    "segmentation-handover": ("handover/segmentation", None),
+    "segmentation-imagenet": ("handover/segmentation", None),
 }
 """Folder of the training of each checkpoint; of a depth network, the experiment it belongs to."""
 GIVEN = {
-    "hadr": "oracle: depth erased in the object's mask; true keypoints",
-    "hadr-plus": "oracle: depth erased in the object's mask; true keypoints",
-    "hand-keypoints": "oracle: depth erased in the object's mask; true hand mask",
+    "hand-keypoints": "{depth}; true hand mask",
     "segmentation": "none: colour alone",
 }
-"""What each kind of network was given."""
-ERASED = {
-    "hadr": "erased: measured depth, none in the object's mask; keypoints with an error of 4 mm",
-    "hadr-plus": "erased: measured depth, none in the object's mask; keypoints with an error of "
-    "4 mm",
-    "hand-keypoints": "erased: measured depth, none in the object's mask; true hand mask",
-    "segmentation": "none: colour alone",
+"""What a network was given; the others are `DEPTH_GIVEN`."""
+DEPTH_GIVEN = "{depth}; {keypoints}"
+DEPTHS = {
+    False: ("oracle: depth erased in the object's mask", "true keypoints"),
+    True: ("erased: measured depth, none in the object's mask", "keypoints with an error of 4 mm"),
 }
-"""The same for those of the handover's camera."""
+"""Depth and keypoints, also of the handover's camera."""
 
 
 def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
@@ -81,7 +74,11 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
     small = folder / f"{name}.safetensors"
     strip_checkpoint(made / source / "last.safetensors", small)
     model, record = load_checkpoint(small)
-    camera = name.endswith("-handover")
+    camera = source.startswith("handover/")
+    depth, keypoints = DEPTHS[camera]
+    where = "before the robot" if camera else "of TransHand-mini"
+    if name.endswith("-imagenet"):
+        where += " and of TransHand-mini, both editions" if camera else ", second edition"
     if camera:
         parts, objects = record["data"]["frames"], tuple(OBJECTS)
     else:
@@ -105,10 +102,10 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
             "name": name,
             "provenance": f"preset {record['preset']['name']}, epoch {record['epochs']} of "
             f"{record['preset']['epochs']}, trained on {parts['train']} frames of "
-            f"{len(objects)} objects "
-            + ("before the robot" if camera else "of TransHand-mini")
-            + (", second edition" if name.endswith("-imagenet") else ""),
-            "corruption": (ERASED if camera else GIVEN)[record["network"]],
+            f"{len(objects)} objects " + where,
+            "corruption": GIVEN.get(record["network"], DEPTH_GIVEN).format(
+                depth=depth, keypoints=keypoints
+            ),
             "data": {**record["data"], "frames": parts, "objects": list(objects)},
             "training": {
                 "selected": "the last epoch, fixed beforehand: no frame was used for the choice",
@@ -119,7 +116,7 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
             "weights": {"number": sum(p.numel() for p in model.parameters()), "stored": "float16"},
         },
     )
-    if experiment is not None or (camera and record["network"].startswith("hadr")):
+    if record["network"] in DEPTH_NETWORKS:
         result = checkout_root() / "results" / "confidence" / f"{name}.json"
         only = ["--corruption", "erased"] if camera else []
         command = ["calibrate", str(small), *map(str, data), "--out", str(result), *only]

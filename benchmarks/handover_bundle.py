@@ -8,13 +8,14 @@
     hadr handover --conditions perfect --extrinsics-error 3 --out build/turned
     python benchmarks/handover_bundle.py --worse build/perfect build/turned
 
-    hadr handover --conditions hadr-plus-networks --out build/again            (some rows again)
-    python benchmarks/handover_bundle.py --again build/again
+    for seed in 0 1 2 3; do                                                   (several seeds)
+        hadr handover --conditions hadr-plus perfect --seed $seed --out build/seed-$seed
+    done
+    python benchmarks/handover_bundle.py --seeds build/seed-*
 
 Rows are summed up from the attempts' own sealed files; films, each with the picture of the moment
 that decided it, are drawn from their states. With the films go the recordings of the attempt that
-the chapter shows with four kinds of depth. A row that was measured again says itself where it comes
-from; the file's provenance is the others'.
+the chapter shows with four kinds of depth.
 """
 
 import argparse
@@ -37,7 +38,6 @@ from hadr.simulation.trials.experiment import (
     ending_of,
     finished_attempt,
     read_row,
-    verdicts,
 )
 from hadr.simulation.trials.trial import Trial
 
@@ -52,13 +52,6 @@ def outcomes_below(folder: Path, condition: str) -> list[dict[str, Any]]:
             raise ValueError(f"{path} describes no attempt: {error}") from error
         found.append(finished_attempt(folder, trial)[0])
     return found
-
-
-def with_verdicts(row: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """A row of the table with each attempt's verdict, which rows once had not."""
-    if "verdicts" in row:
-        return row
-    return {**row, "verdicts": verdicts(outcomes_below(folder, row["condition"]))}
 
 
 def worse_row(condition: str, outcomes: list[dict[str, Any]]) -> dict[str, Any]:
@@ -76,21 +69,6 @@ def keep(out: Path, kept: Path, trial: Trial) -> None:
         shutil.copy(out / name, kept / name)
 
 
-def measure_again(path: Path, folder: Path) -> None:
-    """Put rows that were measured again into a table, each with a provenance of its own.
-
-    ValueError where they are of other attempts than the rows that they replace, or of none.
-    """
-    table, again = read_result_file(path), read_result_file(folder / "handover.json")
-    own = {key: value for key, value in again.provenance.items() if key != "sha256"}
-    new = {row["condition"]: {**row, "provenance": own} for row in again.rows}
-    for condition, row in new.items():
-        if set(table.row(condition=condition)["verdicts"]) != set(row["verdicts"]):
-            raise ValueError(f"{folder} has other attempts of {condition} than {path}")
-    rows = [new.get(row["condition"], row) for row in table.rows]
-    write_result_file(path, table.what, rows, table.provenance)
-
-
 def bundle_worse(path: Path, folders: list[Path]) -> None:
     """Sum up attempts that were made worse, and those of the folder in which nothing was."""
     files = [read_result_file(folder / "handover.json") for folder in folders]
@@ -106,25 +84,39 @@ def bundle_worse(path: Path, folders: list[Path]) -> None:
     write_result_file(path, what, rows, {**files[0].provenance, "machine": machine_text()})
 
 
+def bundle_seeds(path: Path, folders: list[Path]) -> None:
+    """Sum up the attempts of several seeds, a folder each, by condition."""
+    files = [read_result_file(folder / "handover.json") for folder in folders]
+    commits = {file.provenance["commit"] for file in files}
+    if len(commits) > 1:
+        raise ValueError(f"the folders are of different commits: {', '.join(sorted(commits))}")
+    conditions = [row["condition"] for row in files[0].rows]
+    rows = [
+        condition_row(name, [one for of in folders for one in outcomes_below(of, name)])
+        for name in conditions
+    ]
+    what = f"handover attempts in simulation, of {len(folders)} seeds; by HandoverSim's rules"
+    write_result_file(path, what, rows, {**files[0].provenance, "machine": machine_text()})
+
+
 def main() -> None:
     """Run the script."""
     parser = argparse.ArgumentParser(description=__doc__)
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("--out", type=Path, help="folder of the table's attempts")
-    which.add_argument("--again", type=Path, help="folder of rows that were measured again")
     which.add_argument("--worse", type=Path, nargs="+", help="folders made worse, and one not")
+    which.add_argument("--seeds", type=Path, nargs="+", help="folders of one seed each")
     parser.add_argument("--films", nargs="*", default=[], metavar="NAME=CONDITION/OBJECT-HOLD")
     parser.add_argument("--results", type=Path, default=Path("results/mini"))
     args = parser.parse_args()
-    if args.again is not None:
-        measure_again(args.results / "handover.json", args.again)
-        return
     if args.worse is not None:
         bundle_worse(args.results / "handover_worse.json", args.worse)
         return
+    if args.seeds is not None:
+        bundle_seeds(args.results / "handover_seeds.json", args.seeds)
+        return
     table = read_result_file(args.out / "handover.json")
-    full = [with_verdicts(row, args.out) for row in table.rows]
-    write_result_file(args.results / "handover.json", table.what, full, table.provenance)
+    write_result_file(args.results / "handover.json", table.what, table.rows, table.provenance)
     kept = samples_dir() / "handover"
     films = {}
     if args.films:
@@ -145,7 +137,7 @@ def main() -> None:
         Image.fromarray(still).save(kept / f"{name}.jpg", quality=80)
         films[name] = [condition, object_id, int(hold)]
     if films:
-        object_id, _, hold = commonest_parting(full, SEEN).partition("-")
+        object_id, _, hold = commonest_parting(table.rows, SEEN).partition("-")
         for seen in SEEN:
             keep(args.out, kept, Trial(object_id, int(hold), condition=seen))
         (kept / "films.json").write_text(json.dumps(films, indent=1) + "\n", encoding="utf-8")

@@ -16,13 +16,13 @@ from hadr.data.frame import frame_log_path, write_frame
 from hadr.simulation.camera.training_frames import FRAME_OBJECTS, camera_frame
 
 
-def draw(out: Path, seed: int, views: int, which: tuple[str, int]) -> bool:
+def draw(out: Path, seed: int, which: tuple[str, int]) -> bool:
     """Draw one frame, unless it is there; say whether it shows the object."""
     split, number = which
     object_id = FRAME_OBJECTS[number % len(FRAME_OBJECTS)]
     if frame_log_path(out, split, object_id, f"{number:06d}").exists():
         return True
-    frame = camera_frame(split, number, seed, views)
+    frame = camera_frame(split, number, seed)
     if not frame.object_mask.any():
         return False
     write_frame(out, frame, depth_format="png", normals="none")
@@ -37,13 +37,12 @@ def main() -> None:
     parser.add_argument("--val", type=int, default=240, help="frames for validation")
     parser.add_argument("--test", type=int, default=120, help="frames to score with")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--views", type=int, default=1, help="of a hold, in frames of an object")
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
     sizes = {"val": args.val, "test": args.test, "train": args.train}
     wanted = [(split, number) for split, size in sizes.items() for number in range(size)]
     with ProcessPoolExecutor(args.jobs) as pool:
-        found = pool.map(partial(draw, args.out, args.seed, args.views), wanted, chunksize=32)
+        found = pool.map(partial(draw, args.out, args.seed), wanted, chunksize=32)
         missing = sum(not there for there in tqdm(found, total=len(wanted), unit="frame"))
     print(f"{len(wanted) - missing} frames in {args.out}, {missing} without the object left out")
 

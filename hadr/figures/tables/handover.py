@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
-from scipy.stats import binomtest
+from scipy.stats import binomtest, false_discovery_control
 
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import draw_bar_rows
@@ -46,8 +46,9 @@ WORSE: dict[str, tuple[str, float]] = {
     "hand_speed": ("speed of the hand (times normal)", 1.0),
     "picture_rate": ("pictures a second", 10.0),
     "latency": ("from a picture to its answer (s)", 0.1),
+    "time_limit": ("time limit (s)", 13.0),
 }
-"""What can be made worse: how it is called, and what it is in the experiment."""
+"""What can be made worse, or better: how it is called, and what it is in the experiment."""
 _KIND_STYLE = (
     ("hand", ""),
     ("baseline", "//"),
@@ -122,6 +123,23 @@ def paired(first: Row, second: Row) -> tuple[int, int, float]:
     ahead, behind = won.count((True, False)), won.count((False, True))
     doubt = float(binomtest(ahead, ahead + behind).pvalue) if ahead + behind else 1.0
     return ahead, behind, doubt
+
+
+def compared(rows: Sequence[Row], pairs: Sequence[tuple[str, str]]) -> str:
+    """List pairs of conditions, attempt by attempt, with chances corrected for their number.
+
+    Corrected is Benjamini and Hochberg's: of the differences below 0.05 there, at most one in
+    twenty is expected to be chance.
+    """
+    of = {row["condition"]: row for row in rows}
+    found = [paired(of[one], of[other]) for one, other in pairs]
+    corrected = false_discovery_control([chance for _, _, chance in found])
+    lines = [
+        [CONDITIONS[one], str(won), CONDITIONS[other], str(lost), f"{chance:.3f}", f"{fair:.3f}"]
+        for (one, other), (won, lost, chance), fair in zip(pairs, found, corrected, strict=True)
+    ]
+    head = ["one", "it alone", "the other", "that alone", "chance", "corrected"]
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def commonest_parting(rows: Sequence[Row], conditions: Sequence[str]) -> str:

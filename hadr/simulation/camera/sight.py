@@ -41,10 +41,11 @@ CHECKPOINTS = {
     "unet-hand": "unet-hand-handover.safetensors",
     "hadr": "hadr-handover.safetensors",
     "hadr-plus": "hadr-plus-handover.safetensors",
-    "segmentation": "segmentation-handover.safetensors",
+    "segmentation": "segmentation-imagenet.safetensors",
     "keypoints": "hand-keypoints-handover.safetensors",
 }
-"""The bundled networks, trained on other holds of the known objects before this camera."""
+"""The bundled networks, trained on other holds of the known objects before this camera; that which
+finds masks also on other frames."""
 KEYPOINT_NOISE = 0.004
 """Standard deviation of each keypoint coordinate, metres. Half of the variance is common to all
 keypoints, as where a hand is taken for nearer than it is."""

@@ -37,35 +37,26 @@ FRAME_OBJECTS: tuple[str, ...] = tuple(OBJECTS)
 """The objects that are held: the eight that the bundled networks know."""
 
 
-def camera_frame(split: str, number: int, seed: int = 0, views: int = 1) -> Frame:
+def camera_frame(split: str, number: int, seed: int = 0) -> Frame:
     """Draw one frame at the camera's 256x144; the same for the same arguments.
 
     Args:
         split: "train", "val" or "test"; they share no hold and no room.
         number: Which frame; it chooses object, hold, place, room, camera and the arm's pose.
         seed: Seed of all of them.
-        views: So many of an object's frames in a row show one hold, which takes longer to find than
-            a frame to draw; place, camera, arm and noise are each frame's own.
 
     Raises:
-        ValueError: The split has no frames of this camera, the number is negative, or the views are
-            less than 1.
+        ValueError: The split has no frames of this camera, or the number is negative.
     """
     if split not in HOLDS:
         raise ValueError(f"split must be one of {', '.join(HOLDS)}, got {split!r}")
     if number < 0:
         raise ValueError(f"number must be 0 or more, got {number}")
-    if views < 1:
-        raise ValueError(f"views must be 1 or more, got {views}")
     rng = np.random.default_rng([seed, number, len(split), 97])
     object_id = FRAME_OBJECTS[number % len(FRAME_OBJECTS)]
     # consecutive frames share a room, which takes as long to furnish as three frames to draw
     room = _ROOMS[split][number // (4 * len(FRAME_OBJECTS)) % len(_ROOMS[split])]
     hold = int(rng.choice(HOLDS[split]))
-    if views > 1:
-        group = number // (views * len(FRAME_OBJECTS))
-        of_group = np.random.default_rng([seed, group, int(object_id), len(split), 101])
-        hold = int(of_group.choice(HOLDS[split]))
     scene = held_scene(object_id, hold, seed=int(rng.integers(1 << 30)))
     eye = EYE + rng.uniform(-EYE_SPREAD, EYE_SPREAD, 3)
     aim = MIDDLE + rng.uniform(-AIM_SPREAD, AIM_SPREAD, 3)

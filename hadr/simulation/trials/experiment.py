@@ -266,10 +266,13 @@ def ending_of(row: dict[str, Any]) -> str:
 
 
 def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
-    """The judge's word on each attempt of `run_attempts`, by name; ValueError if one is twice."""
+    """The judge's word on each attempt, by name and seed; ValueError where one is twice."""
     found: dict[str, str] = {}
     for row in outcomes:
-        name = f"{row['trial']['object_id']}-{row['trial']['hold_number']}"
+        trial = row["trial"]
+        name = f"{trial['object_id']}-{trial['hold_number']}" + f"-{trial['seed']}" * bool(
+            trial["seed"]
+        )
         if name in found:
             raise ValueError(f"attempt {name} is there twice")
         found[name] = row["verdict"]

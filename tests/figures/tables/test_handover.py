@@ -4,6 +4,7 @@ import pytest
 from hadr.figures.tables.handover import (
     WORSE,
     commonest_parting,
+    compared,
     conditions_table,
     draw_degradation,
     draw_outcomes,
@@ -62,6 +63,18 @@ def test_two_conditions_are_compared_attempt_by_attempt():
     assert paired(first, first) == (0, 0, 1.0)
     with pytest.raises(ValueError, match="a and d have not made the same attempts"):
         paired(first, {"condition": "d", "verdicts": {"1": "drop"}})
+
+
+def test_chances_are_corrected_for_their_number():
+    won = {"raw": 0, "hadr": 8, "hadr-plus": 8}  # of eight attempts
+    rows = [
+        {"condition": name, "verdicts": {str(k): "success" if k < n else "drop" for k in range(8)}}
+        for name, n in won.items()
+    ]
+    lines = compared(rows, [("hadr", "raw"), ("hadr-plus", "hadr")]).splitlines()
+    # eight of eight: twice in 256; as the lesser of two chances it counts double
+    assert cells(lines[2]) == ["HADR", "8", "sensor depth", "0", "0.008", "0.016"]
+    assert cells(lines[3]) == ["HADR-plus", "0", "HADR", "0", "1.000", "1.000"]
 
 
 def test_the_attempt_shown_is_the_first_on_which_conditions_differ_in_the_commonest_way():

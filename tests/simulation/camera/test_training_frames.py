@@ -30,16 +30,6 @@ def test_the_same_number_gives_the_same_frame(frame: Frame) -> None:
     assert not np.array_equal(other.color, frame.color)
 
 
-def test_views_in_a_row_show_one_hold_in_other_places() -> None:
-    count = len(FRAME_OBJECTS)
-    one, two, next_one = (camera_frame("train", n, views=2) for n in (3, 3 + count, 3 + 2 * count))
-    assert one.hold_id == two.hold_id != next_one.hold_id
-    assert one.object_id == two.object_id == next_one.object_id
-    assert not np.allclose(one.keypoints, two.keypoints, atol=1e-3)
-    with pytest.raises(ValueError, match="views must be 1 or more, got 0"):
-        camera_frame("train", 3, views=0)
-
-
 def test_no_split_shares_a_hold_with_another_or_with_the_trials() -> None:
     splits = [*map(set, HOLDS.values()), set(TRIAL_HOLDS)]
     assert len(set.union(*splits)) == sum(map(len, splits))
