@@ -10,15 +10,15 @@
         --only hadr-mini hadr-plus-mini hand-keypoints-mini segmentation-mini
 
     hadr reproduce --preset imagenet --data NEAR --out OUT \\
-        --only known/hadr known/hadr-plus known/unet-hand segmentation
+        --only known/hadr known/hadr-plus known/unet-hand
     python benchmarks/bundle_checkpoints.py --made OUT --data NEAR \\
         --only hadr-imagenet hadr-plus-imagenet
 
     python benchmarks/handover_frames.py --out CAMERA
     for network in unet-hand hadr hadr-plus hand-keypoints segmentation; do
         hadr train --network $network --preset imagenet --data CAMERA --corruption erased \\
-            --start-from FILE --out OUT/handover/$network  # options: each record has them
-    done
+            --start-from FILE --out OUT/handover/$network
+    done  # with all options: data_samples/checkpoints/README.md
     python benchmarks/bundle_checkpoints.py --made OUT --data CAMERA --only unet-hand-handover \\
         hadr-handover hadr-plus-handover hand-keypoints-handover segmentation-imagenet
 

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 SAMPLE_CHECKPOINTS = (
     "hadr-mini.safetensors", "hadr-plus-mini.safetensors",
     "hadr-imagenet.safetensors", "hadr-plus-imagenet.safetensors",
+    "unet-hand-handover.safetensors",
     "hadr-handover.safetensors", "hadr-plus-handover.safetensors",
 )  # fmt: skip
 """The bundled checkpoints that restore depth."""
