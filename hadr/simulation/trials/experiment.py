@@ -279,13 +279,19 @@ def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
     return found
 
 
+def _stage(row: dict[str, Any]) -> str:
+    """The stage in which an attempt's time ran out."""
+    changes = row["transitions"]
+    return str(changes[-1][2]) if changes else Stage.WAIT_AND_OBSERVE.value
+
+
 def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Sum a condition's outcomes of `run_attempts` up as a row of the result file.
 
     Returns:
         Attempts, successes, their rate with Wilson's 95 % interval, how many objects reach 0.5,
         0.8 and 1.0 as in the paper's table, successes and attempts by the hand's motion, failures
-        by kind, mean times in seconds, the smallest distance to the hand in metres, the largest
+        by kind, time-outs by the stage in which they came, mean times in seconds, the smallest distance to the hand in metres, the largest
         force on it in newtons, also by way and stage, the mean share of the object's points that
         were right to 2 cm in successes and in failures, and each attempt's verdict.
 
@@ -304,6 +310,7 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
     interval = binomtest(int(won.sum()), len(won)).proportion_ci(0.95, "wilson")
     succeeded = [row for row in outcomes if row["verdict"] == "success"]
     failed = [row for row in outcomes if row["verdict"] != "success"]
+    timed_out = [row for row in failed if row["verdict"] == "time-out"]
 
     def mean(name: str, rows: Sequence[dict[str, Any]]) -> float:
         values = [row[name] for row in rows if row.get(name) is not None]
@@ -324,6 +331,7 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
             for kind in sorted(set(motions))
         },
         "failures": dict(sorted(Counter(row["verdict"] for row in failed).items())),
+        "time_out_in": dict(sorted(Counter(map(_stage, timed_out)).items())),
         "mean_seconds": mean("decided_at", succeeded),
         "mean_seconds_to_first_grasp": mean("first_grasp_at", outcomes),
         "mean_planning_wall_seconds": mean("planning_wall_seconds", outcomes),

@@ -373,8 +373,9 @@ HOLDS = count()
 
 def outcome(object_id: str, verdict: str, **values: Any) -> dict[str, Any]:
     return {
-        "trial": {"object_id": object_id, "hold_number": next(HOLDS)},
+        "trial": {"object_id": object_id, "hold_number": next(HOLDS), "seed": 0},
         "verdict": verdict,
+        "transitions": [],
         "motion": "still",
         "decided_at": 6.0,
         "first_grasp_at": 1.0,
@@ -419,6 +420,23 @@ def test_a_conditions_row_by_hand() -> None:
     assert list(row["verdicts"].values()) == ["success"] * 3 + ["drop", "gave up"]
     with pytest.raises(ValueError, match=f"attempt {names[0]} is there twice"):
         condition_row("hadr", [*outcomes, outcomes[0]])
+
+
+def test_a_row_says_in_which_stages_time_ran_out() -> None:
+    changes = [[0.3, "Wait & Observe", "Approach & React", "a grasp"]]
+    outcomes = [
+        outcome("0000", "time-out"), outcome("0000", "time-out", transitions=changes),
+        outcome("0000", "time-out", transitions=changes), outcome("0000", "drop"),
+    ]  # fmt: skip
+    row = condition_row("raw", outcomes)
+    assert row["time_out_in"] == {"Approach & React": 2, "Wait & Observe": 1}
+
+
+def test_attempts_of_several_seeds_are_told_apart() -> None:
+    first = outcome("0000", "success")
+    second = {**first, "trial": {**first["trial"], "seed": 3}}
+    name = f"0000-{first['trial']['hold_number']}"
+    assert list(condition_row("raw", [first, second])["verdicts"]) == [name, f"{name}-3"]
 
 
 def test_the_last_caption_says_the_verdict(
