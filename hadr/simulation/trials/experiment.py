@@ -289,11 +289,12 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
     """Sum a condition's outcomes of `run_attempts` up as a row of the result file.
 
     Returns:
-        Attempts, successes, their rate with Wilson's 95 % interval, how many objects reach 0.5,
-        0.8 and 1.0 as in the paper's table, successes and attempts by the hand's motion, failures
-        by kind, time-outs by the stage in which they came, mean times in seconds, the smallest distance to the hand in metres, the largest
-        force on it in newtons, also by way and stage, the mean share of the object's points that
-        were right to 2 cm in successes and in failures, and each attempt's verdict.
+        Attempts, successes, their rate with Wilson's 95 % interval, how many objects reach 0.5, 0.8
+        and 1.0 as in the paper's table, successes and attempts by the hand's motion, failures by
+        kind, time-outs by the stage in which they came, mean times in seconds, the smallest
+        distance to the hand in metres, the largest force on it in newtons, also by way and stage,
+        the mean share of the object's points that were right to 2 cm in successes and in failures,
+        and each attempt's verdict.
 
     Raises:
         ValueError: There is no outcome, or an attempt is there twice.
