@@ -57,7 +57,7 @@ def outcomes_below(folder: Path, condition: str) -> list[dict[str, Any]]:
 def worse_row(condition: str, outcomes: list[dict[str, Any]]) -> dict[str, Any]:
     """A condition's row with what was made worse."""
     trial = Trial(**outcomes[0]["trial"])
-    made = {name: getattr(trial, name) for name in (*WORSE, "restless")}
+    made = {name: getattr(trial, name) for name in (*WORSE, "restless", "time_limit")}
     return {**condition_row(condition, outcomes), **made}
 
 

@@ -46,9 +46,10 @@ WORSE: dict[str, tuple[str, float]] = {
     "hand_speed": ("speed of the hand (times normal)", 1.0),
     "picture_rate": ("pictures a second", 10.0),
     "latency": ("from a picture to its answer (s)", 0.1),
-    "time_limit": ("time limit (s)", 13.0),
 }
-"""What can be made worse, or better: how it is called, and what it is in the experiment."""
+"""What can be made worse: how it is called, and what it is in the experiment."""
+TIME_LIMIT = 13.0
+"""HandoverSim's, seconds."""
 _KIND_STYLE = (
     ("hand", ""),
     ("baseline", "//"),
@@ -209,8 +210,9 @@ def draw_degradation(ax: Axes, rows: Sequence[Row], key: str) -> None:
     Of the rows those in which all else is as in the experiment; `WORSE` has the keys.
     """
     xlabel, standard = WORSE[key]
-    usual = {name: value for name, (_, value) in WORSE.items() if name != key}
-    rows = [r for r in rows if not r["restless"] and all(r[n] == v for n, v in usual.items())]
+    usual: dict[str, float] = {name: value for name, (_, value) in WORSE.items() if name != key}
+    usual |= {"restless": False, "time_limit": TIME_LIMIT}
+    rows = [r for r in rows if all(r[name] == value for name, value in usual.items())]
     conditions = list(dict.fromkeys(row["condition"] for row in _ordered(rows)))
     values = sorted({float(row[key]) for row in rows})
     gap = min(np.diff(values), default=1.0) * 0.05

@@ -129,13 +129,17 @@ def test_outcomes_fill_the_attempts(ax) -> None:
 
 
 def test_degradation_has_a_line_a_condition_with_its_intervals(ax) -> None:
-    usual = {name: value for name, (_, value) in WORSE.items()} | {"restless": False}
+    usual = {name: value for name, (_, value) in WORSE.items()} | {
+        "restless": False,
+        "time_limit": 13.0,
+    }
     rows = [
         row("hadr", 36, 0.61, 0.85, **usual),
         row("hadr", 12, 0.15, 0.39, **usual | {"hand_speed": 3}),
         row("perfect", 40, 0.70, 0.92, **usual),
         row("perfect", 1, 0.01, 0.02, **usual | {"hand_speed": 3, "latency": 0.3}),
         row("perfect", 2, 0.01, 0.02, **usual | {"hand_speed": 3, "restless": True}),
+        row("perfect", 2, 0.01, 0.02, **usual | {"hand_speed": 3, "time_limit": 26.0}),
     ]
     draw_degradation(ax, rows[::-1], "hand_speed")
     first, second = (container.lines for container in ax.containers)
