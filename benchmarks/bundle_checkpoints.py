@@ -2,12 +2,10 @@
 
     hadr reproduce --preset mini --data DIR data_samples/frames \\
         --only known/hadr-long known/hadr-plus --out OUT
-    for network in hand-keypoints segmentation; do
-        hadr train --network $network --preset mini --data DIR data_samples/frames \\
-            --out OUT/nets/$network
-    done
+    hadr train --network hand-keypoints --preset mini --data DIR data_samples/frames \\
+        --out OUT/nets/hand-keypoints
     python benchmarks/bundle_checkpoints.py --made OUT --data DIR data_samples/frames \\
-        --only hadr-mini hadr-plus-mini hand-keypoints-mini segmentation-mini
+        --only hadr-mini hadr-plus-mini hand-keypoints-mini
 
     hadr reproduce --preset imagenet --data NEAR --out OUT \\
         --only known/hadr known/hadr-plus known/unet-hand
@@ -45,7 +43,6 @@ SOURCES: dict[str, tuple[str, Experiment | None]] = {
     "hadr-mini": ("runs/known/hadr-long/seed-0", "known"),
     "hadr-plus-mini": ("runs/known/hadr-plus/seed-0", "known"),
     "hand-keypoints-mini": ("nets/hand-keypoints", None),
-    "segmentation-mini": ("nets/segmentation", None),
     "hadr-imagenet": ("runs/known/hadr/seed-0", "known"),
     "hadr-plus-imagenet": ("runs/known/hadr-plus/seed-0", "known"),
     "unet-hand-handover": ("handover/unet-hand", None),

@@ -78,7 +78,7 @@ def ways(landmarker: MediaPipeHand | None) -> dict[str, Way]:
     nets = samples_dir() / "checkpoints"
     networks = Restorer(
         "nearest",
-        segmentation=nets / "segmentation-mini.safetensors",
+        segmentation=nets / "segmentation-imagenet.safetensors",
         keypoint_network=nets / "hand-keypoints-mini.safetensors",
     )
     plain = Restorer("nearest")

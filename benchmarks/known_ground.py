@@ -240,7 +240,7 @@ def finders() -> tuple[Segmentation, HandKeypoints]:
     """The bundled networks that find mask and keypoints."""
     folder = samples_dir() / "checkpoints"
     return (
-        Segmentation.load(folder / "segmentation-mini.safetensors"),
+        Segmentation.load(folder / "segmentation-imagenet.safetensors"),
         HandKeypoints.load(folder / "hand-keypoints-mini.safetensors"),
     )
 

@@ -80,7 +80,8 @@ def _finders(bench: Bench) -> tuple[Path, Path]:
     if bench.size == "imagenet":
         masks, hands = (bench.out / "nets" / kind / LAST for kind in kinds)
     else:
-        masks, hands = (CHECKPOINTS / f"{kind}-mini.safetensors" for kind in kinds)
+        names = "segmentation-imagenet.safetensors", "hand-keypoints-mini.safetensors"
+        masks, hands = (CHECKPOINTS / name for name in names)
     return masks, hands
 
 

@@ -27,7 +27,7 @@ examples
         data_samples/checkpoints/hadr-mini.safetensors
   Given what other networks predict, and the tables as a file:
     hadr evaluate runs/mini/best.safetensors --out tables.json \\
-        --masks data_samples/checkpoints/segmentation-mini.safetensors \\
+        --masks data_samples/checkpoints/segmentation-imagenet.safetensors \\
         --keypoints data_samples/checkpoints/hand-keypoints-mini.safetensors
 
 exit status

@@ -139,7 +139,7 @@ def parsed(*words: str) -> subject.Options:
 
 def test_what_cannot_be_calibrated_is_left_as_it_is(model, tmp_path) -> None:
     frames = str(samples_dir() / "frames")
-    masks = str(samples_dir() / "checkpoints" / "segmentation-mini.safetensors")
+    masks = str(samples_dir() / "checkpoints" / "segmentation-imagenet.safetensors")
     with pytest.raises(ValueError, match="kind 'segmentation', which restores no depth"):
         subject.run(parsed(masks, frames))
     path = tmp_path / "small.safetensors"

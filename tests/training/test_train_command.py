@@ -124,7 +124,7 @@ def test_a_start_must_be_a_network_of_the_same_form() -> None:
     with pytest.raises(ValueError, match=r"differs from the preset's network in .*lite"):
         starting_weights(checkpoints / "hadr-imagenet.safetensors", recipe)
     with pytest.raises(ValueError, match="is a segmentation, expected hadr"):
-        starting_weights(checkpoints / "segmentation-mini.safetensors", recipe)
+        starting_weights(checkpoints / "segmentation-imagenet.safetensors", recipe)
     with pytest.raises(ValueError, match=r"differs from the preset's network in hand$"):
         starting_weights(
             checkpoints / "hadr-mini.safetensors", recipe_from(parsed("--hand", "none"))
