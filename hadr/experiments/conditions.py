@@ -74,7 +74,7 @@ def has_finders(bench: Bench) -> bool:
 def _finders(bench: Bench) -> tuple[Path, Path]:
     """Those that find masks and keypoints: bundled ones; of preset imagenet those in OUT/runs/nets.
 
-    That preset's frames show glass nearer than any that the bundled ones have learned from.
+    That preset's finders learn from its own training frames, as all in its tables does.
     """
     kinds = "segmentation", "hand-keypoints"
     if bench.size == "imagenet":

@@ -61,7 +61,7 @@ TABLE_RUNS: dict[str, Sequence[tuple[str, str]]] = {
 """The runs that those result files need which are none of an experiment's."""
 REPRODUCED: tuple[str, ...] = (
     *("raw", "inpainted", "unet-hand", "hadr", "hadr-plus", "perfect"),
-    *("unet-hand-networks", "hadr-networks", "hadr-plus-networks", "perfect-networks"),
+    *("hadr-plus-networks", "perfect-networks"),
     *("hadr-no-rescoring", "hadr-no-tracking"),
     *("hadr-plus-no-rescoring", "hadr-plus-no-tracking", "hadr-plus-no-rescoring-no-tracking"),
 )
