@@ -261,7 +261,11 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
         doubt = math.sqrt(((ahead + behind) / count - gap**2) / count)
         label = {"raw": "with sensor depth", "hadr-no-tracking": "without following",
                  "hadr-no-rescoring": "without rescoring"}[other]  # fmt: skip
-        remark = "Simulated robot and hand, grasps of a sampler of our own."
+        plus, less = found["hadr-plus"], found[other.replace("hadr-", "hadr-plus-")]
+        remark = (
+            "Simulated robot and hand, grasps of a sampler of our own. With HADR-plus "
+            f"{plus['successes']}, {label} {less['successes']}."
+        )
         if other == "hadr-no-tracking":
             of = restless["hadr"]["attempts"]
             remark += f" Of hands that never rest {follows} of {of}, without following {stays}."
