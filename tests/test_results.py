@@ -493,6 +493,9 @@ def test_chapter_6_says_of_each_network_that_misses_what_lies_within_its_reach()
     assert f"{1000 * dfnet['before_frozen']:.1f}" == "5.9"
 
 
+SEEDS = RESULTS / "mini" / "handover_seeds.json"
+
+
 def handover_rows() -> dict[str, dict[str, Any]]:
     """Rows of the handover experiment by condition."""
     return {
@@ -531,6 +534,27 @@ def test_readme_and_chapter_13_say_what_the_handover_file_says() -> None:
     assert won["hadr-plus"] - won["raw"] == 12  # "twelve more"
     assert won["hadr"] - won["raw"] == 1  # "one glass more"
     assert (won["hadr-plus-no-tracking"], won["hadr-no-tracking"]) == (23, 20)
+
+
+def test_readme_and_chapter_13_say_what_five_seeds_say() -> None:
+    rows = {row["condition"]: row for row in read_result_file(SEEDS).rows}
+    assert {row["attempts"] for row in rows.values()} == {240}
+    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    rate = {name: f"{100 * row['rate']:.0f} %" for name, row in rows.items()}
+    assert (
+        f"it takes {rate['perfect']} with perfect depth, {rate['unet-hand']} with the U-Net's, "
+        f"{rate['hadr-plus']} with HADR-plus's, {rate['hadr']} with HADR's and {rate['raw']} with "
+        "the sensor's" in text
+    )
+    assert (rate["hadr"], rate["raw"]) == ("55 %", "32 %")
+    assert rows["hadr"]["interval"][1] < 34 / 48  # "above HADR's interval"
+    for better, worse in (("hadr", "raw"), ("hadr-plus", "hadr"), ("unet-hand", "hadr"),
+                          ("perfect", "hadr-plus")):  # fmt: skip
+        ahead, behind, chance = paired(rows[better], rows[worse])
+        assert ahead > behind
+        assert chance < 0.05 / 2
+    for other in ("hadr-plus", "perfect"):  # "cannot be told from either"
+        assert paired(rows["unet-hand"], rows[other])[2] > 0.05
 
 
 def test_chapter_13_says_how_hard_the_hand_is_touched() -> None:

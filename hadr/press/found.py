@@ -253,26 +253,28 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
             "Grasps that point at the person and downward are to be preferred.", "III-C",
             "hadr", "hadr-no-rescoring"),
     }  # fmt: skip
+    seeds = read_result_file(results / "mini/handover_seeds.json")
+    of_seeds = {row["condition"]: row for row in seeds.rows}
     for short, (words, place, one, other) in pairs.items():
-        won, lost = found[one], found[other]
+        of, source = (of_seeds, "mini/handover_seeds.json") if other == "raw" else (found, name)
+        won, lost = of[one], of[other]
         ahead, behind, _ = paired(won, lost)  # of the same attempts
         count = won["attempts"]
         gap = (ahead - behind) / count
         doubt = math.sqrt(((ahead + behind) / count - gap**2) / count)
         label = {"raw": "with sensor depth", "hadr-no-tracking": "without following",
                  "hadr-no-rescoring": "without rescoring"}[other]  # fmt: skip
-        plus, less = found["hadr-plus"], found[other.replace("hadr-", "hadr-plus-")]
+        plus, less = of["hadr-plus"], of[other.replace("hadr-", "hadr-plus-")]
         remark = (
             "Simulated robot and hand, grasps of a sampler of our own. With HADR-plus "
             f"{plus['successes']}, {label} {less['successes']}."
         )
         if other == "hadr-no-tracking":
-            of = restless["hadr"]["attempts"]
-            remark += f" Of hands that never rest {follows} of {of}, without following {stays}."
+            remark += f" Of hands that never rest {follows} of {count}, without following {stays}."
         yield Claim(
             short, words, place,
             f"{won['successes']} of {won['attempts']} attempts, {label} {lost['successes']}",
-            verdict(gap, doubt), HANDOVER, name,
+            verdict(gap, doubt), HANDOVER, source,
             remark,
         )  # fmt: skip
     yield Claim(

@@ -231,7 +231,8 @@ def _section(
 
 def _embolden(listed: Sequence[Method], kind: str, heads: Sequence[str]) -> None:
     """Set the best of the paper's numbers, or of ours, in bold; perfect depth does not compete."""
-    rows = [lines for name, lines, _ in listed if kind in lines and name != CONDITIONS["perfect"]]
+    best_of = [one for one in listed if not one[0].startswith(CONDITIONS["perfect"])]
+    rows = [lines for _, lines, _ in best_of if kind in lines]
     cells = pd.DataFrame([lines[kind] for lines in rows], columns=list(heads))
     for lines, row in zip(rows, best_in_bold(cells, [range(len(rows))]).to_numpy(), strict=True):
         bold = Markup("<b>{}</b>")

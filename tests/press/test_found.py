@@ -52,7 +52,7 @@ def test_a_better_rival_and_a_hand_that_harms_turn_the_verdicts(results: Path) -
 
 
 def test_more_attempts_won_decide_the_handover(results: Path) -> None:
-    path = results / "mini" / "handover.json"
+    path = results / "mini" / "handover_seeds.json"
     names = list(read_result_file(path).row(condition="raw")["verdicts"])
     ends = {few: {name: "success" if n < few else "drop" for n, name in enumerate(names)}
             for few in (5, 24, 43)}  # fmt: skip

@@ -89,7 +89,7 @@ def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]
     shares = ("> 0.5", "> 0.8", "1.0")
     head = ["condition", "successes", "rate (%)", "95 % interval", *shares, "time (s)"]
     own = [row["condition"] for row in _ordered(rows)]
-    best = [[place for place, condition in enumerate(own) if condition != "perfect"]]
+    best = [[place for place, name in enumerate(own) if not name.startswith("perfect")]]
     return markdown(pd.DataFrame(lines, columns=head), best=best)
 
 
@@ -101,7 +101,7 @@ def motions_table(rows: Sequence[Row]) -> str:
         + ["{}/{}".format(*row["by_motion"][kind]) for kind in kinds]
         for row in rows
     ]
-    best = [number for number, row in enumerate(rows) if row["condition"] != "perfect"]
+    best = [n for n, row in enumerate(rows) if not row["condition"].startswith("perfect")]
     headings = ["condition", *(f"{kind} (successes)" for kind in kinds)]
     return markdown(pd.DataFrame(lines, columns=headings), best=[best])
 
