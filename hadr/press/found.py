@@ -282,9 +282,9 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
         f"{printed['success_rate_percent']['HADR + GraspNet']:.1f} % of the attempts succeed, with "
         f"{printed['HADR + GraspNet'][1]} of {printed['objects']} objects more than half.",
         "IV-B, table III",
-        f"{100 * found['hadr']['rate']:.1f} %, {found['hadr']['objects_at_50_percent']} of "
-        f"{len(found['hadr']['rate_by_object'])} objects",
-        UNTESTED, HANDOVER, name, "No real robot was at hand.",
+        f"{100 * of_seeds['hadr']['rate']:.1f} %, {of_seeds['hadr']['objects_at_50_percent']} of "
+        f"{len(of_seeds['hadr']['rate_by_object'])} objects",
+        UNTESTED, HANDOVER, "mini/handover_seeds.json", "No real robot was at hand.",
     )  # fmt: skip
 
 
