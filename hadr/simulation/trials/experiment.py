@@ -270,9 +270,9 @@ def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
     found: dict[str, str] = {}
     for row in outcomes:
         trial = row["trial"]
-        name = f"{trial['object_id']}-{trial['hold_number']}" + f"-{trial['seed']}" * bool(
-            trial["seed"]
-        )
+        name = f"{trial['object_id']}-{trial['hold_number']}"
+        if trial["seed"]:
+            name += f"-{trial['seed']}"
         if name in found:
             raise ValueError(f"attempt {name} is there twice")
         found[name] = row["verdict"]
