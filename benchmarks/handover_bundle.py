@@ -1,21 +1,23 @@
 """Put the handover experiment's results, and the recordings of chapter 13, where they belong.
 
     hadr handover --out build/handover                                          (the table)
-    python benchmarks/handover_bundle.py --out build/handover \\
-        --films success=hadr/0004-904 failure=raw/0006-900
+    python benchmarks/handover_bundle.py --table build/handover
+    python benchmarks/handover_bundle.py --films build/handover success=hadr/0004-904
 
     hadr handover --conditions perfect --out build/perfect                    (made worse)
     hadr handover --conditions perfect --extrinsics-error 3 --out build/turned
     python benchmarks/handover_bundle.py --worse build/perfect build/turned
+    python benchmarks/handover_bundle.py --worse results/mini/handover_worse.json build/restless
 
     for seed in 0 1 2 3; do                                                   (several seeds)
         hadr handover --conditions hadr-plus perfect --seed $seed --out build/seed-$seed
     done
     python benchmarks/handover_bundle.py --seeds build/seed-*
+    python benchmarks/handover_bundle.py --seeds results/mini/handover_seeds.json build/seed-4
 
 Rows are summed up from the attempts' own sealed files; films, each with the picture of the moment
-that decided it, are drawn from their states. With the films go the recordings of the attempt that
-the chapter shows with four kinds of depth.
+that decided it, are drawn from their states. Besides the named ones they are of the two attempts
+that tell kinds of depth apart most often, with each kind, and the recordings go with them.
 """
 
 import argparse
@@ -28,7 +30,7 @@ from PIL import Image
 
 from hadr.data.samples import samples_dir, write_manifest
 from hadr.figures.handover.film import decisive_state
-from hadr.figures.tables.handover import SEEN, WORSE, commonest_parting
+from hadr.figures.tables.handover import FILMED, SEEN, WORSE, partings
 from hadr.records.provenance import machine_text
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.simulation.film.film import captioned, film_frames, write_film
@@ -37,6 +39,7 @@ from hadr.simulation.trials.experiment import (
     condition_row,
     ending_of,
     finished_attempt,
+    pooled,
     read_row,
 )
 from hadr.simulation.trials.trial import Trial
@@ -69,65 +72,54 @@ def keep(out: Path, kept: Path, trial: Trial) -> None:
         shutil.copy(out / name, kept / name)
 
 
-def bundle_worse(path: Path, folders: list[Path]) -> None:
-    """Sum up attempts that were made worse, and those of the folder in which nothing was."""
-    files = [read_result_file(folder / "handover.json") for folder in folders]
-    rows = [
-        worse_row(row["condition"], outcomes_below(folder, row["condition"]))
-        for folder, file in zip(folders, files, strict=True)
-        for row in file.rows
-    ]
-    commits = {file.provenance["commit"] for file in files}
-    if len(commits) > 1:
-        raise ValueError(f"the folders are of different commits: {', '.join(sorted(commits))}")
+def bundle_worse(path: Path, made: list[Path]) -> None:
+    """Sum up attempts that were made worse, and those of the folder in which nothing was.
+
+    The rows of a file that is named beside the folders stay as they are.
+    """
+    rows = []
+    for one in made:
+        if one.is_dir():
+            names = [row["condition"] for row in read_result_file(one / "handover.json").rows]
+            rows += [worse_row(name, outcomes_below(one, name)) for name in names]
+        else:
+            rows += read_result_file(one).rows
     what = "handover attempts in simulation, made worse one by one; success by HandoverSim's rules"
-    write_result_file(path, what, rows, {**files[0].provenance, "machine": machine_text()})
+    write_result_file(path, what, rows, provenance_of(made))
 
 
-def bundle_seeds(path: Path, folders: list[Path]) -> None:
-    """Sum up the attempts of several seeds, a folder each, by condition."""
-    files = [read_result_file(folder / "handover.json") for folder in folders]
-    commits = {file.provenance["commit"] for file in files}
-    if len(commits) > 1:
-        raise ValueError(f"the folders are of different commits: {', '.join(sorted(commits))}")
-    conditions = [row["condition"] for row in files[0].rows]
-    rows = [
-        condition_row(name, [one for of in folders for one in outcomes_below(of, name)])
-        for name in conditions
-    ]
-    what = f"handover attempts in simulation, of {len(folders)} seeds; by HandoverSim's rules"
-    write_result_file(path, what, rows, {**files[0].provenance, "machine": machine_text()})
+def bundle_seeds(path: Path, made: list[Path]) -> None:
+    """Pool the rows of several seeds, each a folder or a file of some of them, by condition."""
+    rows: dict[str, dict[str, Any]] = {}
+    for one in made:
+        for row in read_result_file(one / "handover.json" if one.is_dir() else one).rows:
+            name = row["condition"]
+            rows[name] = pooled(rows[name], row) if name in rows else row
+    what = "handover attempts in simulation, of several seeds; by HandoverSim's rules"
+    write_result_file(path, what, list(rows.values()), provenance_of(made))
 
 
-def main() -> None:
-    """Run the script."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    which = parser.add_mutually_exclusive_group(required=True)
-    which.add_argument("--out", type=Path, help="folder of the table's attempts")
-    which.add_argument("--worse", type=Path, nargs="+", help="folders made worse, and one not")
-    which.add_argument("--seeds", type=Path, nargs="+", help="folders of one seed each")
-    parser.add_argument("--films", nargs="*", default=[], metavar="NAME=CONDITION/OBJECT-HOLD")
-    parser.add_argument("--results", type=Path, default=Path("results/mini"))
-    args = parser.parse_args()
-    if args.worse is not None:
-        bundle_worse(args.results / "handover_worse.json", args.worse)
-        return
-    if args.seeds is not None:
-        bundle_seeds(args.results / "handover_seeds.json", args.seeds)
-        return
-    table = read_result_file(args.out / "handover.json")
-    write_result_file(args.results / "handover.json", table.what, table.rows, table.provenance)
-    kept = samples_dir() / "handover"
-    films = {}
-    if args.films:
-        shutil.rmtree(kept, ignore_errors=True)
-    for wish in args.films:
-        name, _, where = wish.partition("=")
+def provenance_of(made: list[Path]) -> dict[str, Any]:
+    """The provenance of what was summed up last, with the commits of all."""
+    files = [read_result_file(one / "handover.json" if one.is_dir() else one) for one in made]
+    earlier = {commit for file in files for commit in file.provenance.get("commits", [])}
+    commits = earlier | {str(file.provenance["commit"]) for file in files}
+    return {**files[-1].provenance, "commits": sorted(commits), "machine": machine_text()}
+
+
+def bundle_films(table: Path, out: Path, wishes: list[str]) -> None:
+    """Draw the films and keep the recordings of the chapter, in place of those that are there."""
+    attempts = dict(wish.partition("=")[::2] for wish in wishes)
+    for number, name in enumerate(partings(read_result_file(table).rows, SEEN)[:2], start=1):
+        attempts |= {f"{seen}-{number}": f"{seen}/{name}" for seen in FILMED}
+    kept, films = samples_dir() / "handover", {}
+    shutil.rmtree(kept, ignore_errors=True)
+    for name, where in attempts.items():
         condition, _, attempt = where.partition("/")
         object_id, _, hold = attempt.partition("-")
         trial = Trial(object_id, int(hold), condition=condition)
-        row, states, changes, scene = finished_attempt(args.out, trial)
-        keep(args.out, kept, trial)
+        row, states, changes, scene = finished_attempt(out, trial)
+        keep(out, kept, trial)
         view = side_view(480, 270)
         frames = film_frames(states, scene, changes, view=view, rate=10, ending=ending_of(row))
         write_film(kept / f"{name}.mp4", frames, rate=10)
@@ -136,12 +128,29 @@ def main() -> None:
         still = captioned(drawn, state.time, changes, span, ending_of(row))
         Image.fromarray(still).save(kept / f"{name}.jpg", quality=80)
         films[name] = [condition, object_id, int(hold)]
-    if films:
-        object_id, _, hold = commonest_parting(table.rows, SEEN).partition("-")
-        for seen in SEEN:
-            keep(args.out, kept, Trial(object_id, int(hold), condition=seen))
-        (kept / "films.json").write_text(json.dumps(films, indent=1) + "\n", encoding="utf-8")
-        write_manifest(samples_dir())
+    (kept / "films.json").write_text(json.dumps(films, indent=1) + "\n", encoding="utf-8")
+    write_manifest(samples_dir())
+
+
+def main() -> None:
+    """Run the script."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    which = parser.add_mutually_exclusive_group(required=True)
+    which.add_argument("--table", type=Path, help="folder of the table's attempts")
+    which.add_argument("--worse", type=Path, nargs="+", help="folders made worse, and one not")
+    which.add_argument("--seeds", type=Path, nargs="+", help="folders or files of seeds")
+    which.add_argument("--films", nargs="+", metavar=("FOLDER", "NAME=WHICH"))
+    parser.add_argument("--results", type=Path, default=Path("results/mini"))
+    args = parser.parse_args()
+    if args.worse is not None:
+        bundle_worse(args.results / "handover_worse.json", args.worse)
+    elif args.seeds is not None:
+        bundle_seeds(args.results / "handover_seeds.json", args.seeds)
+    elif args.films is not None:
+        bundle_films(args.results / "handover.json", Path(args.films[0]), args.films[1:])
+    else:
+        table = read_result_file(args.table / "handover.json")
+        write_result_file(args.results / "handover.json", table.what, table.rows, table.provenance)
 
 
 if __name__ == "__main__":

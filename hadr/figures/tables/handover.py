@@ -4,7 +4,6 @@ Rows are dicts with ``condition``, ``attempts``, ``successes``, ``rate`` (0 to 1
 ``interval`` (low, high of 95 %) and ``failures`` (kind to count).
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -40,7 +39,9 @@ CONDITIONS: dict[str, str] = {
 }
 """How a condition of the experiment is called, in the order of the pictures."""
 SEEN = ("raw", "hadr", "hadr-plus", "perfect")
-"""The kinds of depth that chapter 13 shows side by side."""
+"""The kinds of depth that chapter 13 shows side by side, ..."""
+FILMED = ("raw", "unet-hand", "hadr", "hadr-plus", "perfect")
+"""... and those of its films."""
 WORSE: dict[str, tuple[str, float]] = {
     "extrinsics_error_deg": ("camera turned by (degrees)", 0.0),
     "hand_speed": ("speed of the hand (times normal)", 1.0),
@@ -83,9 +84,10 @@ def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]
             "-" if row["mean_seconds"] is None else f"{row['mean_seconds']:.1f}",
         ])  # fmt: skip
     for name, (won, *objects) in published.items():
-        rate = f"{100 * won / 48:.1f}"
         counts = [f"{count}/8" for count in objects]
-        lines.append([f"*paper: {name}*", f"{won}/48", rate, "", *counts, ""])
+        rate, low, high = _paper_rate(won)
+        span = f"{low:.0f}\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}{high:.0f}"
+        lines.append([f"*paper: {name}*", f"{won}/48", f"{rate:.1f}", span, *counts, ""])
     shares = ("> 0.5", "> 0.8", "1.0")
     head = ["condition", "successes", "rate (%)", "95 % interval", *shares, "time (s)"]
     own = [row["condition"] for row in _ordered(rows)]
@@ -94,33 +96,70 @@ def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]
 
 
 def motions_table(rows: Sequence[Row]) -> str:
-    """List each condition's successes by the motion of the hand, the best in bold."""
+    """List each condition's successes in percent by the motion of the hand, the best in bold."""
     kinds, rows = list(rows[0]["by_motion"]), _ordered(rows)
     lines = [
         [CONDITIONS.get(row["condition"], row["condition"])]
-        + ["{}/{}".format(*row["by_motion"][kind]) for kind in kinds]
+        + [
+            f"{100 * won / tried:.0f} ({won}/{tried})"
+            for won, tried in map(row["by_motion"].get, kinds)
+        ]
         for row in rows
     ]
     best = [n for n, row in enumerate(rows) if not row["condition"].startswith("perfect")]
     headings = ["condition", *(f"{kind} (successes)" for kind in kinds)]
-    return markdown(pd.DataFrame(lines, columns=headings), best=[best])
+    table = markdown(pd.DataFrame(lines, columns=headings), best=[best])
+    return table.replace(" (successes)", "")  # what is best is known by it; a page is narrow
+
+
+def incidents_table(rows: Sequence[Row]) -> str:
+    """List what happened in attempts: of how many with it each condition's succeeded.
+
+    The commonest in the first row's attempts comes first.
+    """
+    counts = [dict(row["incidents"]) for row in rows]
+    names = sorted(set().union(*counts), key=lambda name: -counts[0].get(name, (0, 0))[1])
+    lines = [[name, *("{} of {}".format(*of.get(name, (0, 0))) for of in counts)] for name in names]
+    head = ["what happened", *(CONDITIONS[row["condition"]] for row in rows)]
+    return markdown(pd.DataFrame(lines, columns=head))
+
+
+def touches_table(rows: Sequence[Row]) -> str:
+    """List how often the robot touched the hand, and its largest forces, newtons."""
+
+    def largest(row: Row, way: str) -> str:
+        forces = [force for name, force in row["largest_forces_n"].items() if name.startswith(way)]
+        return f"{max(forces, default=0.0):.1f}"
+
+    lines = [
+        [
+            CONDITIONS[row["condition"]],
+            "{} of {}".format(row["failures"].get("human contact", 0), row["attempts"]),
+            largest(row, "touch"),
+            largest(row, "through the glass"),
+        ]
+        for row in _ordered(rows)
+    ]
+    head = ["condition", "attempts with a touch", "by touch (N)", "through the glass (N)"]
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def paired(first: Row, second: Row) -> tuple[int, int, float]:
-    """Compare two rows of `results/mini/handover.json` attempt by attempt.
+    """Compare two rows of a result file of the handover by the attempts that both have made.
 
     Returns:
         In how many attempts the first alone succeeds, in how many the second alone, and how likely
         chance alone makes at least such a difference (two-sided sign test; 1 without any).
+
+    Raises:
+        ValueError: They have made no attempt alike.
     """
-    if first["verdicts"].keys() != second["verdicts"].keys():
+    shared = first["verdicts"].keys() & second["verdicts"].keys()
+    if not shared:
         raise ValueError(
             f"{first['condition']} and {second['condition']} have not made the same attempts"
         )
-    won = [
-        (verdict == "success", second["verdicts"][name] == "success")
-        for name, verdict in first["verdicts"].items()
-    ]
+    won = [tuple(row["verdicts"][name] == "success" for row in (first, second)) for name in shared]
     ahead, behind = won.count((True, False)), won.count((False, True))
     doubt = float(binomtest(ahead, ahead + behind).pvalue) if ahead + behind else 1.0
     return ahead, behind, doubt
@@ -136,27 +175,28 @@ def compared(rows: Sequence[Row], pairs: Sequence[tuple[str, str]]) -> str:
     found = [paired(of[one], of[other]) for one, other in pairs]
     corrected = false_discovery_control([chance for _, _, chance in found])
     lines = [
-        [CONDITIONS[one], str(won), CONDITIONS[other], str(lost), f"{chance:.3f}", f"{fair:.3f}"]
+        [CONDITIONS[one], CONDITIONS[other]]
+        + [str(len(of[one]["verdicts"].keys() & of[other]["verdicts"].keys())), str(won), str(lost)]
+        + ["< 0.001" if p < 0.001 else f"{p:.3f}" for p in (chance, fair)]
         for (one, other), (won, lost, chance), fair in zip(pairs, found, corrected, strict=True)
     ]
-    head = ["one", "it alone", "the other", "that alone", "chance", "corrected"]
-    return markdown(pd.DataFrame(lines, columns=head))
+    head = ["A", "B", "attempts", "A alone", "B alone", "p", "p, corrected"]
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
 
 
-def commonest_parting(rows: Sequence[Row], conditions: Sequence[str]) -> str:
-    """Name the attempt on which conditions differ as they do most often, such as "0001-905".
+def partings(rows: Sequence[Row], conditions: Sequence[str]) -> list[str]:
+    """Name an attempt, such as "0001-905", for each way in which conditions differ.
 
-    The ways to differ are told apart by which conditions succeed; of the attempts with the
-    commonest one it is the first by name.
+    The ways are told apart by which conditions succeed, the commonest comes first; an attempt
+    stands for its way as the first by name.
     """
     of = {row["condition"]: row["verdicts"] for row in rows}
-    ways: dict[str, tuple[bool, ...]] = {
-        name: tuple(of[condition][name] == "success" for condition in conditions)
-        for name in sorted(of[conditions[0]])
-    }
-    counts = Counter(way for way in ways.values() if len(set(way)) > 1)
-    commonest = counts.most_common(1)[0][0]
-    return next(name for name, way in ways.items() if way == commonest)
+    ways: dict[tuple[bool, ...], list[str]] = {}
+    for name in sorted(of[conditions[0]]):
+        way = tuple(of[condition][name] == "success" for condition in conditions)
+        if len(set(way)) > 1:
+            ways.setdefault(way, []).append(name)
+    return [names[0] for names in sorted(ways.values(), key=len, reverse=True)]
 
 
 def _ordered(rows: Sequence[Row]) -> list[Row]:
@@ -170,14 +210,20 @@ def _rate(row: Row) -> tuple[float, float, float]:
     return 100 * float(row["rate"]), 100 * float(low), 100 * float(high)
 
 
-def draw_success(ax: Axes, rows: Sequence[Row], *, published: float) -> None:
-    """Draw each condition's rate of success with its 95 % interval; the paper's as a line."""
+def _paper_rate(won: int) -> tuple[float, float, float]:
+    """Rate of so many of the paper's 48 attempts and its interval, in percent."""
+    interval = binomtest(won, 48).proportion_ci(0.95, "wilson")
+    return 100 * won / 48, 100 * float(interval.low), 100 * float(interval.high)
+
+
+def draw_success(ax: Axes, rows: Sequence[Row], *, published: Mapping[str, int]) -> None:
+    """Draw each condition's rate of success with its 95 % interval; the paper's, of 48, below."""
     chosen = _ordered(rows)
     rate, low, high = np.array([_rate(row) for row in chosen]).T
     colors = [_style(row["condition"])[0] for row in chosen]
     names = [CONDITIONS.get(str(row["condition"]), str(row["condition"])) for row in chosen]
     pale = [to_rgba(color, 0.45) for color in colors]
-    draw_bar_rows(ax, names, {"": rate}, [pale], edges=colors)
+    draw_bar_rows(ax, names, {"": rate}, [pale], edges=colors, height=0.55)
     spread = np.maximum([rate - low, high - rate], 0)
     ax.errorbar(
         rate, range(len(chosen)), xerr=spread, color="#202020", capsize=4, lw=1.4, fmt="none"
@@ -185,23 +231,53 @@ def draw_success(ax: Axes, rows: Sequence[Row], *, published: float) -> None:
     for place, row in enumerate(chosen):
         count = f"{row['successes']}/{row['attempts']}"
         ax.text(102, place, f"{rate[place]:.0f} %  ({count})", va="center", fontsize=9)
-    ax.axvline(100 * published, color=COLORS["truth"], lw=1.2, ls=":")
-    ax.text(100 * published, -0.65, "paper, real arm", ha="center", va="bottom", fontsize=9)
+    places = [k for k, row in enumerate(chosen) if row["condition"] in published]
+    paper = np.array([_paper_rate(published[chosen[k]["condition"]]) for k in places])
+    ends = np.abs(paper[:, 1:].T - paper[:, 0])
+    ax.errorbar(
+        paper[:, 0], np.array(places) + 0.38, xerr=ends, fmt="D", color="#202020", mfc="white",
+        ms=5, capsize=3, lw=1, label="the paper's real arm, of 48",
+    )  # fmt: skip
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
     ax.set(xlim=(0, 100), xlabel="successful handovers (%), 95 % interval")
 
 
-def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
-    """Draw how each condition's attempts ended: successes, then failures by kind."""
+def draw_objects(ax: Axes, rows: Sequence[Row], names: Mapping[str, str], novel: int) -> None:
+    """Draw the rate of success with each object (columns) and each condition as a map.
+
+    `names` has what each object is called, in the columns' order; the last `novel` ones stand
+    apart from those that networks were trained on.
+    """
     chosen = _ordered(rows)
+    rates = 100 * np.array([[row["rate_by_object"][one] for one in names] for row in chosen])
+    ax.imshow(rates, cmap="cividis", vmin=0, vmax=100, aspect="auto")
+    for (y, x), rate in np.ndenumerate(rates):
+        ax.text(x, y, f"{rate:.0f}", ha="center", va="center", fontsize=9.5,
+                color="white" if rate < 55 else "black")  # fmt: skip
+    ax.axvline(len(names) - novel - 0.5, color="white", lw=5)
+    ax.set_xticks(range(len(names)), [name.replace(" ", "\n") for name in names.values()])
+    ax.set_yticks(range(len(chosen)), [CONDITIONS[row["condition"]] for row in chosen])
+    ax.tick_params(length=0)
+    ax.spines[:].set_visible(False)
+    ax.grid(visible=False)
+
+
+def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
+    """Draw how each condition's attempts ended, in percent: successes, then failures by kind."""
+    chosen = _ordered(rows)
+    attempts = np.array([row["attempts"] for row in chosen])
     kinds = dict.fromkeys(kind for row in chosen for kind, n in row["failures"].items() if n)
-    parts = {"success": [row["successes"] for row in chosen]}
-    parts |= {kind: [row["failures"].get(kind, 0) for row in chosen] for kind in kinds}
+    parts = {"success": 100 * np.array([row["successes"] for row in chosen]) / attempts}
+    for kind in kinds:
+        parts[kind] = 100 * np.array([row["failures"].get(kind, 0) for row in chosen]) / attempts
     styles = [("robot", ""), *(_KIND_STYLE[k % len(_KIND_STYLE)] for k in range(len(kinds)))]
     colors, hatches = [COLORS[color] for color, _ in styles], [hatch for _, hatch in styles]
     names = [CONDITIONS.get(str(row["condition"]), str(row["condition"])) for row in chosen]
-    draw_bar_rows(ax, names, parts, colors, text="{:.0f}", hatches=hatches, edges="white")
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
-    ax.set(xlim=(0, max((row["attempts"] for row in chosen), default=1)), xlabel="attempts")
+    draw_bar_rows(
+        ax, names, parts, colors, text="{:.0f}", least=2.5, hatches=hatches, edges="white"
+    )
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5)
+    ax.set(xlim=(0, 100), xlabel="attempts (%)")
 
 
 def draw_degradation(ax: Axes, rows: Sequence[Row], key: str) -> None:

@@ -8,7 +8,7 @@ from matplotlib.collections import LineCollection
 
 from hadr.data.samples import samples_dir
 from hadr.figures.handover.seen import FirstChoice, draw_choice, draw_choices, first_choice
-from hadr.figures.tables.handover import SEEN, commonest_parting
+from hadr.figures.tables.handover import SEEN, partings
 from hadr.records.checkout import checkout_root
 from hadr.records.result_file import read_result_file
 from hadr.simulation.trials.experiment import finished_attempt
@@ -78,7 +78,7 @@ def test_an_attempt_without_a_grasp_has_no_choice() -> None:
 
 def test_the_recordings_of_the_chapter_are_those_of_the_table() -> None:
     table = read_result_file(checkout_root() / "results" / "mini" / "handover.json")
-    name = commonest_parting(table.rows, SEEN)
+    name = partings(table.rows, SEEN)[0]
     object_id, _, hold = name.partition("-")
     for condition in SEEN:
         trial = Trial(object_id, int(hold), condition=condition)

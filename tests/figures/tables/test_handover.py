@@ -3,14 +3,17 @@ import pytest
 
 from hadr.figures.tables.handover import (
     WORSE,
-    commonest_parting,
     compared,
     conditions_table,
     draw_degradation,
+    draw_objects,
     draw_outcomes,
     draw_success,
+    incidents_table,
     motions_table,
     paired,
+    partings,
+    touches_table,
 )
 
 ROW = {
@@ -43,12 +46,32 @@ def test_each_condition_has_its_numbers_and_the_paper_stands_below():
     ]  # fmt: skip
     assert cells(lines[2])[:3] == ["sensor depth", "0/48", "0.0"]
     assert cells(lines[2])[7] == "-"
-    assert cells(lines[4]) == ["*paper: GraspNet*", "5/48", "10.4", "", "0/8", "0/8", "0/8", ""]
+    assert cells(lines[4]) == [
+        "*paper: GraspNet*",
+        "5/48",
+        "10.4",
+        "5 to 22",
+        "0/8",
+        "0/8",
+        "0/8",
+        "",
+    ]
+
+
+def test_what_happened_stands_beside_what_became_of_it():
+    rows = [
+        {"condition": "perfect", "incidents": {"late": [1, 4], "never stopped": [8, 9]}},
+        {"condition": "hadr", "incidents": {"never stopped": [5, 7]}},
+    ]
+    lines = [cells(line) for line in incidents_table(rows).splitlines()]
+    assert lines[0] == ["what happened", "perfect depth", "HADR"]
+    assert lines[2] == ["never stopped", "8 of 9", "5 of 7"]
+    assert lines[3] == ["late", "1 of 4", "0 of 0"]
 
 
 def test_each_condition_has_its_successes_by_motion():
     rows = [{"condition": "raw", "by_motion": {"still": [3, 10], "turn": [0, 9]}}]
-    assert cells(motions_table(rows).splitlines()[-1]) == ["sensor depth", "3/10", "0/9"]
+    assert cells(motions_table(rows).splitlines()[-1]) == ["sensor depth", "30 (3/10)", "0 (0/9)"]
 
 
 def test_two_conditions_are_compared_attempt_by_attempt():
@@ -62,7 +85,9 @@ def test_two_conditions_are_compared_attempt_by_attempt():
     assert paired(better, first) == (2, 0, 0.5)  # 2 of 2: once each way in four
     assert paired(first, first) == (0, 0, 1.0)
     with pytest.raises(ValueError, match="a and d have not made the same attempts"):
-        paired(first, {"condition": "d", "verdicts": {"1": "drop"}})
+        paired(first, {"condition": "d", "verdicts": {"5": "drop"}})
+    more = {"condition": "e", "verdicts": {"4": "success", "5": "success", "6": "success"}}
+    assert paired(more, first) == (1, 0, 1.0)  # of the only one that both have made
 
 
 def test_chances_are_corrected_for_their_number():
@@ -73,11 +98,11 @@ def test_chances_are_corrected_for_their_number():
     ]
     lines = compared(rows, [("hadr", "raw"), ("hadr-plus", "hadr")]).splitlines()
     # eight of eight: twice in 256; as the lesser of two chances it counts double
-    assert cells(lines[2]) == ["HADR", "8", "sensor depth", "0", "0.008", "0.016"]
-    assert cells(lines[3]) == ["HADR-plus", "0", "HADR", "0", "1.000", "1.000"]
+    assert cells(lines[2]) == ["HADR", "sensor depth", "8", "8", "0", "0.008", "0.016"]
+    assert cells(lines[3]) == ["HADR-plus", "HADR", "8", "0", "0", "1.000", "1.000"]
 
 
-def test_the_attempt_shown_is_the_first_on_which_conditions_differ_in_the_commonest_way():
+def test_the_attempts_shown_are_the_first_of_each_way_to_differ_the_commonest_first():
     won = {"a": (1, 1, 0, 0, 1, 0), "b": (1, 0, 1, 1, 1, 0)}  # alike, a, b, b, alike, alike
     rows = [
         {
@@ -86,7 +111,7 @@ def test_the_attempt_shown_is_the_first_on_which_conditions_differ_in_the_common
         }
         for name, column in won.items()
     ]
-    assert commonest_parting(rows, ("a", "b")) == "0002-900"
+    assert partings(rows, ("a", "b")) == ["0002-900", "0001-900"]
 
 
 def row(
@@ -107,7 +132,7 @@ ROWS = [row("perfect", 40, 0.70, 0.92), row("hadr", 36, 0.61, 0.85), row("raw", 
 
 
 def test_bars_are_as_long_as_the_rates_and_stand_in_order(ax) -> None:
-    draw_success(ax, ROWS, published=34 / 48)
+    draw_success(ax, ROWS, published={"hadr": 34})
     names = [label.get_text() for label in ax.get_yticklabels()]
     assert names == ["sensor depth", "HADR", "perfect depth"]
     lengths = [bar.get_width() for bar in ax.patches]
@@ -115,16 +140,45 @@ def test_bars_are_as_long_as_the_rates_and_stand_in_order(ax) -> None:
     intervals = [segment[:, 0] for segment in ax.collections[0].get_segments()]
     np.testing.assert_allclose(intervals, [[15, 39], [61, 85], [70, 92]])
     assert "75 %  (36/48)" in [text.get_text() for text in ax.texts]
-    assert ax.lines[-1].get_xdata()[0] == pytest.approx(70.83, abs=0.01)
+    point = next(line for line in ax.lines if line.get_marker() == "D")
+    assert point.get_xydata() == pytest.approx(np.array([[70.83, 1.38]]), abs=0.01)
+    (paper,) = (segment[:, 0] for segment in ax.collections[1].get_segments())
+    np.testing.assert_allclose(paper, [56.8, 81.8], atol=0.1)  # Wilson's, by R's prop.test
 
 
-def test_outcomes_fill_the_attempts(ax) -> None:
+def test_objects_stand_in_columns_and_novel_ones_apart(ax) -> None:
+    rows = [
+        {"condition": "perfect", "rate_by_object": {"0001": 0.5, "0010": 1.0}},
+        {"condition": "raw", "rate_by_object": {"0001": 0.125, "0010": 0.0}},
+    ]
+    draw_objects(ax, rows, {"0010": "carafe", "0001": "wine glass"}, 1)
+    np.testing.assert_allclose(ax.images[0].get_array(), [[0, 12.5], [100, 50]])
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["carafe", "wine\nglass"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["sensor depth", "perfect depth"]
+    assert ax.lines[0].get_xdata()[0] == 0.5
+
+
+def test_touches_are_told_by_hand_and_through_the_glass() -> None:
+    forces = {"through the glass, Stopped": 3.0, "touch, Stopped": 1.5, "touch, Going home": 2.04}
+    rows = [
+        {"condition": "raw", "attempts": 9, "failures": {"drop": 2}, "largest_forces_n": {}},
+        {"condition": "perfect", "attempts": 5, "failures": {"human contact": 2},
+         "largest_forces_n": forces},
+    ]  # fmt: skip
+    lines = [cells(line) for line in touches_table(rows).splitlines()]
+    assert lines[2:] == [
+        ["sensor depth", "0 of 9", "0.0", "0.0"], ["perfect depth", "2 of 5", "2.0", "3.0"],
+    ]  # fmt: skip
+
+
+def test_outcomes_are_percent_and_fill_the_attempts(ax) -> None:
     draw_outcomes(ax, ROWS)
+    assert [bar.get_width() for bar in ax.patches[:3]] == pytest.approx([25, 75, 100 * 40 / 48])
     ends = {}
     for bar in ax.patches:
         place = round(bar.get_y() + bar.get_height() / 2)
         ends[place] = max(ends.get(place, 0), bar.get_x() + bar.get_width())
-    assert ends == {0: 48, 1: 48, 2: 48}
+    assert ends == pytest.approx({0: 100, 1: 100, 2: 100})
     assert [t.get_text() for t in ax.get_legend().texts] == ["success", "drop", "timeout"]
 
 

@@ -22,8 +22,10 @@ import pytest
 import torch
 
 from hadr.data.samples import samples_dir
+from hadr.handover.guarded_arm import too_near
 from hadr.handover.logs.replay import replay
 from hadr.handover.logs.run_log import read_run_log
+from hadr.handover.safety import SafetyConfig, withdrawal
 from hadr.records import dependencies
 from hadr.records.dependencies import modules_behind
 from hadr.records.provenance import record_of
@@ -37,6 +39,7 @@ from hadr.simulation.trials.experiment import (
     film_of_attempt,
     finished_attempt,
     is_finished,
+    pooled,
     run_attempts,
 )
 from hadr.simulation.trials.trial import CODE, CONDITIONS, Run, Trial, _code, depth_source
@@ -379,6 +382,7 @@ def outcome(object_id: str, verdict: str, **values: Any) -> dict[str, Any]:
         "motion": "still",
         "decided_at": 6.0,
         "first_grasp_at": 1.0,
+        "corrections": 0,
         "planning_wall_seconds": 0.1,
         "wall_seconds": 4.0,
         "smallest_distance": 0.04,
@@ -430,6 +434,58 @@ def test_a_row_says_in_which_stages_time_ran_out() -> None:
     ]  # fmt: skip
     row = condition_row("raw", outcomes)
     assert row["time_out_in"] == {"Approach & React": 2, "Wait & Observe": 1}
+
+
+def stopped(*reasons: str) -> list[list[Any]]:
+    return [[1.0, "Approach & React", "Stopped", why] for why in reasons]
+
+
+def test_a_row_says_what_happened_and_what_became_of_it() -> None:
+    away = withdrawal(np.ones(3), np.ones(3), np.array([1.0, 0, 0]), SafetyConfig())
+    near = too_near(0.004, 0.005)
+    outcomes = [
+        outcome("0000", "success"),
+        outcome("0000", "success", transitions=stopped(away, near), corrections=2),
+        outcome("0000", "drop", transitions=stopped(near, near)),
+        outcome("0000", "time-out", first_grasp_at=None),
+        outcome("0000", "time-out", first_grasp_at=3.1, transitions=stopped("no hand seen")),
+        outcome("0000", "time-out", transitions=[[1.0, "Stopped", "Wait & Observe", near]]),
+    ]
+    assert condition_row("raw", outcomes)["incidents"] == {
+        "never stopped": [1, 3],
+        "no grasp for 3 s": [0, 2],
+        "stopped for another reason": [0, 1],
+        "the hand was in the way": [1, 2],
+        "the hand withdrew": [1, 1],
+        "went in again beside": [1, 1],
+    }
+
+
+def test_pooled_rows_are_those_of_all_attempts_together() -> None:
+    outcomes = [
+        outcome("0000", "success", decided_at=5.0, smallest_distance=0.02, points_right=0.5),
+        outcome("0000", "drop", largest_force=2.0, points_right=0.25, motion="turn"),
+        outcome("0001", "success", decided_at=8.0, points_right=1.0, corrections=1),
+        outcome("0001", "success", decided_at=9.0, points_right=0.75, first_grasp_at=3.5),
+        outcome("0001", "time-out", points_right=0.125, smallest_distance=0.01),
+    ]
+    outcomes[0]["forces"], outcomes[4]["forces"] = {"touch, Stopped": 1.0}, {"touch, Stopped": 2.0}
+    whole = condition_row("raw", outcomes)
+    halves = condition_row("raw", outcomes[:2]), condition_row("raw", outcomes[2:])
+    both = pooled(*halves)
+    assert list(both) == list(whole)
+    for name, value in whole.items():
+        near = isinstance(value, float) or name == "points_right"
+        assert both[name] == (pytest.approx(value) if near else value), name
+
+
+def test_rows_that_share_an_attempt_or_differ_in_condition_are_not_pooled() -> None:
+    row = condition_row("raw", [outcome("0000", "success")])
+    (name,) = row["verdicts"]
+    with pytest.raises(ValueError, match=rf"raw and raw .* both have {name}"):
+        pooled(row, row)
+    with pytest.raises(ValueError, match="raw and hadr can't be pooled"):
+        pooled(row, condition_row("hadr", [outcome("0000", "success")]))
 
 
 def test_attempts_of_several_seeds_are_told_apart() -> None:
