@@ -132,10 +132,3 @@ def in_a_process(script: str | Path, *arguments: str) -> dict[str, Any]:
         raise RuntimeError(f"{script} {' '.join(arguments)} failed:\n{answer.stderr[-2000:]}")
     content: dict[str, Any] = json.loads(answer.stdout.strip().splitlines()[-1])
     return content
-
-
-def growth(sizes: list[int], values: list[float]) -> float:
-    """Exponent p of values ~ sizes^p, by least squares of the logarithms: 1 is linear."""
-    x, y = torch.tensor(sizes).double().log(), torch.tensor(values).double().log()
-    x, y = x - x.mean(), y - y.mean()
-    return float((x * y).sum() / x.square().sum())

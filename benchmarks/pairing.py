@@ -2,26 +2,16 @@
 
     python benchmarks/pairing.py [--json results/speed/pairing.json]
 
-Two series: more rays in one frame, and more frames (1, 8, 32) with a mask's usual number of rays.
-The rays and the voxels are those of the committed sample frames at 224x224, repeated.
+For 1, 8 and 32 frames: the rays and the voxels are those of the committed sample frames at
+224x224, repeated.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 from typing import Any
 
 import torch
-from measuring import (
-    arguments,
-    growth,
-    in_a_process,
-    interleaved,
-    peak_rss_bytes,
-    peak_tensor_bytes,
-    sample_frames,
-)
+from measuring import arguments, interleaved, peak_tensor_bytes, sample_frames
 from torch import Tensor
 from torch.nn import functional
 
@@ -64,48 +54,36 @@ def dense_ray_voxel_pairs(
 
 
 METHODS = {"walk": ray_voxel_pairs, "dense": dense_ray_voxel_pairs}
-RAYS = (500, 1000, 2000, 4000, 8000, 16000, 32000)
 BATCHES = (1, 8, 32)
 MOST_DENSE = 3_000_000_000
 """Bytes: larger dense formulations are left out, and said to be."""
 Case = tuple[Tensor, Tensor, OccupiedVoxels, VoxelGrid]
 
 
-def case(batch: int, rays_per_frame: int | None, cells: int = 8) -> Case:
+def case(batch: int) -> Case:
     """Rays, their frames, voxels and grid."""
-    grid = VoxelGrid(cells=cells)
+    grid = VoxelGrid(cells=8)
     frames = sample_frames()
     inputs = frames.take([number % len(frames) for number in range(batch)]).inputs
     pixels = select_points(inputs.depth, 10_000)
     depth = inputs.depth[pixels[:, 0], pixels[:, 1], pixels[:, 2]]
     points = ray_points(pixels, depth, inputs.intrinsics)
     occupied = occupied_voxels(points, pixels[:, 0], grid, batch)
-    rays = masked_rays(inputs.mask if rays_per_frame is None else torch.ones_like(inputs.mask))
-    if rays_per_frame is not None:
-        rays = rays[torch.arange(rays_per_frame) * len(rays) // rays_per_frame]
+    rays = masked_rays(inputs.mask)
     directions = ray_points(rays, torch.ones(len(rays)), inputs.intrinsics)
     return functional.normalize(directions, dim=1), rays[:, 0].contiguous(), occupied, grid
 
 
-def measure(name: str, batch: int) -> dict[str, Any]:
-    """Resident memory that one method adds to this process."""
-    one = case(batch, None)
-    METHODS[name](one[0][:8], one[1][:8], *one[2:])  # what loads with the first call
-    before = peak_rss_bytes()
-    METHODS[name](*one)
-    return {"rss_bytes": peak_rss_bytes() - before}
-
-
-def row(batch: int, rays: int | None, cells: int, turns: int) -> dict[str, Any]:
+def row(batch: int, turns: int) -> dict[str, Any]:
     """Time and memory of both methods on one case."""
-    one = case(batch, rays, cells)
+    one = case(batch)
     n_rays, n_voxels = len(one[0]), len(one[2])
     names = ["walk"] + ["dense"] * (n_rays * n_voxels * 40 < MOST_DENSE)
     times = interleaved({n: lambda n=n: METHODS[n](*one) for n in names}, turns, 3.0)
     pairs = METHODS["walk"](*one)
     result: dict[str, Any] = {
         "frames": batch,
-        "cells": cells,
+        "cells": one[3].cells,
         "rays": n_rays,
         "voxels": n_voxels,
         "pairs": len(pairs),
@@ -119,50 +97,24 @@ def row(batch: int, rays: int | None, cells: int, turns: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = arguments(__doc__, turns=30, threads=1)
-    parser.add_argument("--measure", help=argparse.SUPPRESS)
-    args = parser.parse_args()
+    args = arguments(__doc__, turns=30, threads=1).parse_args()
     torch.set_num_threads(args.threads)
-    if args.measure:
-        name, batch = args.measure.split(",")
-        print(json.dumps(measure(name, int(batch))))
-        return
-    by_rays = [row(1, rays, 8, args.turns) for rays in RAYS]
-    by_batch = [row(batch, None, 8, args.turns) for batch in BATCHES]
-    finer = [row(1, None, cells, args.turns) for cells in (8, 16, 32)]
-    resident = {
-        name: in_a_process(__file__, "--measure", f"{name},{BATCHES[-1]}")["rss_bytes"]
-        for name in METHODS
-    }
-    large = [r for r in by_rays if r["rays"] >= 2000]  # below, a call's fixed cost rules
-    exponents = {
-        name: {
-            key: growth([r["rays"] for r in large], [max(r[name][key], 1) for r in large])
-            for key in ("cpu_min_ms", "tensor_bytes")
-        }
-        for name in METHODS
-        if all(name in r for r in large)
-    }
+    by_batch = [row(batch, args.turns) for batch in BATCHES]
     content = {
         "what": "Pairing rays with the voxels they cross: the walk through the grid, and every ray "
         "tried with every voxel of the batch; memory: most bytes that torch's tensors held at once",
         "machine": machine_text(),
         "threads": args.threads,
-        "by_rays": by_rays,
         "by_batch": by_batch,
-        "by_cells": finer,
-        "growth_with_rays": exponents,
-        "resident_bytes_of_largest_batch": resident,
         "provenance": provenance(),
     }
-    for r in by_rays + by_batch + finer:
+    for r in by_batch:
         texts = [
             f"{n} {r[n]['cpu_min_ms']:.2f} ms {r[n]['tensor_bytes'] / 1e6:.1f} MB"
             for n in METHODS
             if n in r
         ]
         print(f"{r['frames']} frames, {r['rays']} rays, {r['voxels']} voxels: {'; '.join(texts)}")
-    print(exponents)
     if args.json:
         write_sealed(args.json, content)
 
