@@ -11,7 +11,6 @@ import argparse
 import functools
 import itertools
 import json
-import resource
 import subprocess
 import sys
 import time
@@ -113,11 +112,6 @@ def peak_tensor_bytes(function: Callable[[], Any]) -> int:
         held += event.nbytes()
         peak = max(peak, held)
     return peak
-
-
-def peak_rss_bytes() -> int:
-    """Most memory that this process has used so far."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 def in_a_process(script: str | Path, *arguments: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Time and memory of restoring one 224x224 frame at batch 1, in full and by part.
+"""Time of restoring one 224x224 frame at batch 1, in full and by part.
 
     python benchmarks/restoration.py [--json results/speed/restoration.json] [--threads 2]
 
@@ -10,23 +10,13 @@ from __future__ import annotations
 
 import argparse
 import functools
-import json
 import time
 from collections.abc import Callable
 from typing import Any
 from unittest.mock import patch
 
 import torch
-from measuring import (
-    arguments,
-    in_a_process,
-    in_turns,
-    interleaved,
-    peak_rss_bytes,
-    peak_tensor_bytes,
-    sample_frames,
-)
-from torch import nn
+from measuring import arguments, in_turns, interleaved, sample_frames
 
 import hadr.models.hadr as steps
 from hadr.models.backbone import BackboneConfig, build_swin
@@ -120,35 +110,10 @@ class Clocks:
             one.stop()
 
 
-def memory(name: str) -> dict[str, Any]:
-    """Resident and tensor memory of restoring one frame, in this process."""
-    before = peak_rss_bytes()
-    network: nn.Module
-    if name == "swin":
-        network = build_swin(BackboneConfig()).eval()
-        color = sample_frames().take([0]).inputs.color
-        call: Callable[[], Any] = functools.partial(network, color)
-    else:
-        network = build(name)
-        call = in_turns(network)
-    call()
-    weights = sum(p.numel() * p.element_size() for p in network.parameters())
-    return {
-        "rss_bytes": peak_rss_bytes() - before,
-        "tensor_bytes": peak_tensor_bytes(call),
-        "weight_bytes": weights,
-    }
-
-
 def main() -> None:
-    parser = arguments(__doc__, turns=40, seconds=40.0)
-    parser.add_argument("--measure", help=argparse.SUPPRESS)
-    args = parser.parse_args()
+    args = arguments(__doc__, turns=40, seconds=40.0).parse_args()
     torch.set_num_threads(args.threads)
     with torch.inference_mode():
-        if args.measure:
-            print(json.dumps(memory(args.measure)))
-            return
         content = run(args)
     if args.json:
         write_sealed(args.json, content)
@@ -175,9 +140,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             f"{against['cpu_median_ms'][title]:.2f} of Swin-T's processor time"
         )
     print(parts, flush=True)
-    needed = {"Swin-T": in_a_process(__file__, "--measure", "swin")}
-    for recipe in PRESETS:
-        needed[f"{recipe}, all rays"] = in_a_process(__file__, "--measure", recipe)
     return {
         "what": "Restoring one 224x224 frame at batch 1: sample frames in turns, random weights; "
         "ratios against a plain Swin-T forward in the same run",
@@ -187,7 +149,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "times": times,
         "against_swin": against,
         "parts_cpu_ms": parts,
-        "memory": needed,
         "provenance": provenance(),
     }
 
