@@ -24,12 +24,16 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 from tqdm import tqdm
 
-from hadr.models.blocks.shared_batch_norm import share_batch_norm
 from hadr.models.blocks.stochastic_depth import set_share
 from hadr.models.networks import network_of
 from hadr.training.frames.augmentation import augment_frames
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.processes import average_gradients, average_numbers, shares
+from hadr.training.processes import (
+    average_gradients,
+    average_numbers,
+    share_batch_norm,
+    shares,
+)
 from hadr.training.recipe import Preset
 from hadr.training.tasks.diagnosis import gradient_norms
 from hadr.training.tasks.pictures import save_png

@@ -1,7 +1,8 @@
 """Where a network is trained, and by how many processes: who sees which frames, how they agree.
 
 Each step has one batch for all. A process takes a stretch of it, and after the backward pass the
-gradients are averaged, so that all processes make the same step.
+gradients are averaged, so that all processes make the same step. Batch normalisation takes the
+statistics of the whole batch; `torch.nn.SyncBatchNorm` does the same on GPUs only.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ import socket
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from lightning_fabric.plugins.environments.lightning import LightningEnvironment
 from lightning_fabric.strategies.ddp import DDPStrategy
 from torch import Tensor, distributed, nn
+from torch.nn import functional
 
 
 def chosen_accelerator(wish: str) -> str:
@@ -110,3 +113,69 @@ def average_numbers(numbers: Mapping[str, Tensor], processes: int) -> dict[str, 
         distributed.all_reduce(values)
         values = values / processes
     return dict(zip(numbers, values.tolist(), strict=True))
+
+
+class _SumOverProcesses(torch.autograd.Function):
+    """The sum over the processes; what each process's loss owes to it flows back to all."""
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor) -> Tensor:
+        total = values.clone()
+        distributed.all_reduce(total)
+        return total
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
+        total = gradients[0].clone()
+        distributed.all_reduce(total)
+        return total
+
+
+def _sum_over_processes(values: Tensor) -> Tensor:
+    total: Tensor = _SumOverProcesses.apply(values)  # type: ignore[no-untyped-call]
+    return total
+
+
+class SharedBatchNorm(nn.modules.batchnorm._BatchNorm):
+    """Batch normalisation with the mean and variance of the batch of all processes.
+
+    It stands for one with weights, running statistics and a momentum; the networks have no other.
+    """
+
+    running_mean: Tensor
+    running_var: Tensor
+    num_batches_tracked: Tensor
+    momentum: float
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Normalise values of shape (B, C, ...)."""
+        if not self.training:
+            return functional.batch_norm(
+                values, self.running_mean, self.running_var, self.weight, self.bias, eps=self.eps
+            )
+        axes = [axis for axis in range(values.ndim) if axis != 1]
+        shape = [1, -1, *[1] * (values.ndim - 2)]
+        own = values.new_tensor([values.numel() / values.shape[1]])
+        sums = _sum_over_processes(torch.cat((values.sum(axes), own)))  # (C + 1,)
+        count = sums[-1].detach()
+        mean = sums[:-1] / count  # (C,)
+        deviation = values - mean.view(shape)  # (B, C, ...)
+        squares = _sum_over_processes(deviation.square().sum(axes))  # (C,)
+        variance = squares / count  # (C,)
+        self._follow(mean.detach(), variance.detach() * count / (count - 1).clamp(min=1))
+        normal = deviation * torch.rsqrt(variance + self.eps).view(shape)
+        scaled: Tensor = normal * self.weight.view(shape) + self.bias.view(shape)
+        return scaled
+
+    def _follow(self, mean: Tensor, variance: Tensor) -> None:
+        """Move the running statistics towards those of this batch."""
+        self.num_batches_tracked.add_(1)
+        self.running_mean.lerp_(mean.to(self.running_mean.dtype), self.momentum)
+        self.running_var.lerp_(variance.to(self.running_var.dtype), self.momentum)
+
+
+def share_batch_norm(model: nn.Module) -> None:
+    """Put `SharedBatchNorm` in each batch normalisation's place, with its weights and names."""
+    for module in model.modules():
+        if isinstance(module, nn.modules.batchnorm._BatchNorm):
+            module.__class__ = SharedBatchNorm  # keeps weights, mode, precision and device
