@@ -13,7 +13,6 @@ finished training of other code counts too: its row says at which commit it was 
 from __future__ import annotations
 
 import contextlib
-import csv
 import json
 import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
@@ -38,8 +37,9 @@ from hadr.training.checkpoints import read_record
 from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.loop import LAST, Trained, train
 from hadr.training.recipe import Preset
+from hadr.training.training_folder import HISTORY
 
-ROW, HISTORY = "row.json", "history.csv"
+ROW = "row.json"
 TABLES_OF_NETWORKS = (
     "hadr.experiments.protocol", "hadr.models.networks", "hadr.training.presets",
 )  # fmt: skip
@@ -172,13 +172,6 @@ class Bench:
         """Give the run's row if it was measured with this configuration, else None."""
         return sealed_row(self.out / run.name / ROW, self.configuration(run))
 
-    def _history(self, run: Run) -> list[dict[str, str]]:
-        """The epochs that a run's training has behind it."""
-        with contextlib.suppress(OSError):
-            text = (self.out / run.name / HISTORY).read_text(encoding="utf-8")
-            return list(csv.DictReader(text.splitlines()))
-        return []
-
     def epochs_done(self, run: Run) -> int:
         """Count a training's epochs so far; 0 if it would be set aside, or can't be read."""
         recipe = recipe_of(run.method, self.size)
@@ -187,19 +180,10 @@ class Bench:
                 return 0
         except ValueError:  # the run itself says what is wrong with it
             return 0
-        return len(self._history(run))
-
-    def curve(self, run: Run) -> dict[str, list[float]] | None:
-        """Give a training's seconds so far and validation RMSE after each epoch, None without."""
-        rows = self._history(run)
-        with contextlib.suppress(KeyError, ValueError):
-            seconds = accumulate(float(row["seconds"]) for row in rows)
-            curve = {
-                "seconds": [round(value, 1) for value in seconds],
-                "validation_rmse_m": [float(row["validation_rmse_m"]) for row in rows],
-            }
-            return curve if rows else None
-        return None
+        with contextlib.suppress(OSError):
+            rows = (self.out / run.name / HISTORY).read_text(encoding="utf-8").splitlines()
+            return len(rows) - 1  # under their head
+        return 0
 
     def measure(self, run: Run) -> dict[str, Any]:
         """Train a run's system as far as it is not, score it, and keep the row.
@@ -216,6 +200,7 @@ class Bench:
         folder = self.out / run.name
         recipe = recipe_of(run.method, self.size)
         columns: dict[str, Any] = {}
+        curve: dict[str, list[float]] | None = None
         trained_at: dict[str, Any] = {}
         started = time.perf_counter()
         if recipe is None:
@@ -234,6 +219,11 @@ class Bench:
                 "threads": torch.get_num_threads(),
                 "device": self.device,
             }
+            seconds = accumulate(row["seconds"] for row in trained.history)
+            curve = {
+                "seconds": [round(value, 1) for value in seconds],
+                "validation_rmse_m": [row["validation_rmse_m"] for row in trained.history],
+            }
         row = {
             "method": run.method,
             "split": run.experiment,
@@ -243,7 +233,7 @@ class Bench:
             "evaluation_s": time.perf_counter() - started,
             "config_sha256": digest(self.configuration(run)),
             "configuration": self.configuration(run),
-            "curve": self.curve(run),
+            "curve": curve,
             "per_frame": scores.per_frame(),
             "provenance": {**provenance(), "machine": machine_text(), **trained_at},
         }

@@ -110,16 +110,12 @@ def against_next(
 
 
 def finished_rows(bench: Bench) -> list[dict[str, Any]]:
-    """All finished runs of a bench with their learning curves, the methods in the tables' order."""
+    """The rows of all finished runs of a bench, the methods in the tables' order."""
     order = [*METHODS, *PARTS, *SWITCHES, *SEEING]
     runs = sorted(
         runs_in(bench.out), key=lambda run: (order.index(run.method), run.experiment, run.seed)
     )
-    return [
-        {**row, "curve": row.get("curve") or bench.curve(run)}
-        for run in runs
-        if (row := bench.finished(run)) is not None
-    ]
+    return [row for run in runs if (row := bench.finished(run)) is not None]
 
 
 def runs_in(out: Path) -> Iterator[Run]:
