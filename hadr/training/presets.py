@@ -16,7 +16,6 @@ from dataclasses import replace
 from typing import Any
 
 from hadr.models.backbone import BackboneConfig
-from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
 from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.blocks.resnet import UNetConfig
 from hadr.models.hadr import HADRConfig
@@ -26,7 +25,7 @@ from hadr.models.networks import network_of
 from hadr.models.segmentation import SegmentationConfig
 from hadr.models.window import WindowConfig
 from hadr.rivals.dfnet import DFNetConfig
-from hadr.rivals.lidf import LIDFConfig
+from hadr.rivals.lidf import DilatedResNetConfig, LIDFConfig
 from hadr.rivals.swindrnet import SwinDRNetConfig
 from hadr.rivals.tode import TODEConfig
 from hadr.rivals.unet_hand import UNetHandConfig

@@ -9,10 +9,9 @@ from torch import Tensor, nn
 
 from hadr.confidence.calibration import within_learned
 from hadr.models.backbone import imagenet_normal
-from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
 from hadr.models.network_input import HADRInput
 from hadr.models.ray_features import features_at
-from hadr.rivals.lidf import LIDF, LIDFConfig, LIDFOutput
+from hadr.rivals.lidf import LIDF, DilatedResNet, DilatedResNetConfig, LIDFConfig, LIDFOutput
 
 MICRO = LIDFConfig(
     backbone=DilatedResNetConfig(depths=(1, 1, 1, 1), widths=(8, 8, 8, 8)),
@@ -311,3 +310,33 @@ def test_without_refinement_there_is_one_stage() -> None:
     model = LIDF(replace(MICRO, refine=False)).eval()
     assert not any(name.startswith("refinement") for name, _ in model.named_parameters())
     assert model(scene()).restored.any()
+
+
+SMALL_COLOR = DilatedResNetConfig(depths=(1, 1, 2, 1), widths=(4, 8, 8, 16))
+
+
+def test_the_colour_network_is_resnet_34_and_a_convolution_to_32_channels() -> None:
+    count = sum(p.numel() for p in DilatedResNet(DilatedResNetConfig()).parameters())
+    assert count == 21_797_672 - 513_000 + 512 * 32 + 32
+
+
+@pytest.mark.parametrize("size", [(72, 128), (126, 224), (33, 50)])
+def test_the_stride_stays_8(size: tuple[int, int]) -> None:
+    model = DilatedResNet(SMALL_COLOR, channels=5).eval()
+    coarse = []
+    model.reduce.register_forward_hook(lambda *seen: coarse.append(seen[2].shape))
+    dense = model(torch.rand(2, 3, *size))
+    assert coarse == [(2, 5, -(-size[0] // 8), -(-size[1] // 8))]
+    assert dense.shape == (2, 5, *size)
+
+
+def test_kernels_reach_twice_and_four_times_as_far_where_the_stride_is_gone() -> None:
+    model = DilatedResNet(SMALL_COLOR)
+    stages = model.resnet.encoder.stages  # type: ignore[union-attr]
+    for stage, stride, dilation in zip(stages, (1, 2, 1, 1), (1, 1, 2, 4), strict=True):  # type: ignore[arg-type]
+        layers = [m for m in stage.modules() if isinstance(m, torch.nn.Conv2d)]
+        wide = [layer for layer in layers if layer.kernel_size == (3, 3)]
+        assert layers[0].stride == (stride, stride) or stride == 1
+        assert max(layer.stride[0] for layer in layers) == stride
+        assert {layer.dilation for layer in wide} == {(dilation, dilation)}
+        assert {layer.padding for layer in wide} == {(dilation, dilation)}

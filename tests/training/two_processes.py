@@ -21,8 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from conftest import MICRO, little_frames
 
-from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
-from hadr.rivals.lidf import LIDFConfig
+from hadr.rivals.lidf import DilatedResNetConfig, LIDFConfig
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import train
 from hadr.training.losses import shared_mean

@@ -8,8 +8,7 @@ import pytest
 import torch
 from torch import nn
 
-from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
-from hadr.rivals.lidf import LIDF, LIDFConfig
+from hadr.rivals.lidf import LIDF, DilatedResNetConfig, LIDFConfig
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import LAST, Trained, train
