@@ -28,12 +28,12 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from frame_errors import frame_error
 from torch import nn
 
 from hadr.data.folders import FrameSource
 from hadr.data.samples import open_samples, samples_dir
 from hadr.experiments.averages import paired
-from hadr.experiments.errors import frame_error
 from hadr.experiments.protocol import open_part
 from hadr.experiments.scoring import (
     EVALUATION_SIZE,

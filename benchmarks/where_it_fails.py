@@ -10,9 +10,9 @@ after all trainings are done; nothing is chosen by them.
 from typing import Any
 
 from finished_runs import arguments, open_runs, write_rows
+from frame_errors import frame_error, hand_poses, pose_distance, summary
 
 from hadr.experiments.averages import paired
-from hadr.experiments.errors import frame_error, hand_poses, pose_distance, summary
 from hadr.experiments.protocol import LEARNED, PARTS, SEEING, recipe_of
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_network
