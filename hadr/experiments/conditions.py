@@ -28,8 +28,8 @@ from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import CLASSICAL
-from hadr.training.frames.batches import FrameTensors, load_frames
-from hadr.training.frames.predicted import with_predicted
+from hadr.training.frames.batches import FrameTensors
+from hadr.training.frames.predicted import load_given
 from hadr.training.loop import LAST
 from hadr.training.recipe import Given
 
@@ -167,9 +167,7 @@ def condition_frames(bench: Bench, run: Run, size: tuple[int, int], given: Given
     """
 
     def load() -> FrameTensors:
-        source = bench.source(run, "test")
-        frames = load_frames(source, size, given.corruption, keep_all=True)
-        frames = with_predicted(frames, source, given)
+        frames = load_given(bench.source(run, "test"), size, given, keep_all=True)
         depth = torch.where(frames.inputs.mask, 0.0, frames.inputs.depth)
         return replace(frames, inputs=replace(frames.inputs, depth=depth))
 

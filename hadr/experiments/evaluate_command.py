@@ -18,7 +18,6 @@ from hadr.training.recipe import Given
 
 if TYPE_CHECKING:
     from hadr.experiments.scoring import Scores
-    from hadr.training.frames.batches import FrameTensors
 
 EPILOG = """
 examples
@@ -84,11 +83,13 @@ def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) ->
     """Score depth networks and the methods that learn nothing on the same frames."""
     from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap, score_network
     from hadr.training.evaluation import CLASSICAL
+    from hadr.training.frames.predicted import load_given
 
-    truth = _load(source, EVALUATION_SIZE, given)
+    truth = load_given(source, EVALUATION_SIZE, given, keep_all=True)  # the same at each size
     rows = {name: score_cheap(truth, name) for name in CLASSICAL}
     for one in checkpoints:
-        rows[one.name] = score_network(one.model, _load(source, one.size, given), truth)
+        own = load_given(source, one.size, given, keep_all=True)
+        rows[one.name] = score_network(one.model, own, truth)
     return rows
 
 
@@ -171,15 +172,6 @@ def run(options: Options) -> int:
         check()  # another run may have begun there meanwhile
         write_sealed(options.out, {**content, "provenance": provenance()})
     return 0
-
-
-def _load(source: Any, size: tuple[int, int], given: Given) -> FrameTensors:
-    """All frames, so that they are the same ones at each size."""
-    from hadr.training.frames.batches import load_frames
-    from hadr.training.frames.predicted import with_predicted
-
-    frames = load_frames(source, size, given.corruption, given.seed, keep_all=True)
-    return with_predicted(frames, source, given)
 
 
 def _open(paths: Sequence[str]) -> list[Checkpoint]:

@@ -53,8 +53,13 @@ def read_split(
     if found is None:
         return None
     bar = f"reading {split}" if progress else None
-    frames = load_frames(found, size, given.corruption, given.seed, progress=bar)
-    return with_predicted(frames, found, given)
+    return load_given(found, size, given, progress=bar)
+
+
+def load_given(source: FrameList, size: tuple[int, int], given: Given, **more: Any) -> FrameTensors:
+    """Read frames as networks are given them; `more` are arguments of `load_frames`."""
+    frames = load_frames(source, size, given.corruption, given.seed, **more)
+    return with_predicted(frames, source, given)
 
 
 def with_predicted(
