@@ -131,7 +131,6 @@ def measure_condition(bench: Bench, run: Run, name: str, given: Given) -> dict[s
         **scores.columns(),
         "mask_iou": float(overlap.mean()),
         "keypoints_m": float(apart.mean()),
-        "hands_found": int(seen.sum()),
         "evaluation_s": time.perf_counter() - started,
         "config_sha256": digest(configuration(bench, run, name, given)),
         "per_frame": scores.per_frame(),
