@@ -67,6 +67,34 @@ def in_double() -> Callable[..., tuple[object, object]]:
     return exact
 
 
+@pytest.fixture(scope="session")
+def noise_frames() -> Callable[..., object]:
+    """Builds frames of noise: (height, width, count, hand); half of the mask's depth is missing.
+
+    Where a hand is asked for, it is at 0.55 m in the first of two frames and at 0.7 m in the other.
+    """
+    import torch
+
+    from hadr.models.network_input import HADRInput
+
+    def build(height: int = 18, width: int = 32, count: int = 2, hand: bool = False) -> HADRInput:
+        generator = torch.Generator().manual_seed(0)
+        mask = torch.zeros(count, height, width, dtype=torch.bool)
+        mask[:, 4:12, 10:20] = True
+        depth = 0.4 + 0.6 * torch.rand(count, height, width, generator=generator)
+        depth[:, 4:12, 10:15] = 0
+        camera = 0.94 * width, 0.94 * width, (width - 1) / 2, (height - 1) / 2
+        keypoints, uv = torch.zeros(count, 21, 3), torch.zeros(count, 21, 2)
+        if hand:
+            keypoints = 0.02 * torch.randn(2, 21, 3, generator=generator)
+            keypoints[..., 2] += torch.tensor([0.55, 0.7])[:, None]
+            uv = width / 2 * torch.rand(2, 21, 2, generator=generator)
+        color = torch.rand(count, 3, height, width, generator=generator)
+        return HADRInput(color, depth, mask, torch.tensor([camera] * count), keypoints, uv)
+
+    return build
+
+
 TOP = """
 from typing import TYPE_CHECKING
 import hadr.table

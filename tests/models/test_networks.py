@@ -11,29 +11,8 @@ import torch
 from torch import nn
 
 from hadr.models.blocks.efficientnet_lite import LiteConfig
-from hadr.models.network_input import HADRInput
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 from hadr.training.presets import preset
-
-
-def frames(height: int = 36, width: int = 64) -> HADRInput:
-    """Two frames of noise, a hand at 0.55 and at 0.7 m, and a hole within a mask."""
-    generator = torch.Generator().manual_seed(0)
-    keypoints = 0.02 * torch.randn(2, 21, 3, generator=generator)
-    keypoints[..., 2] += torch.tensor([0.55, 0.7])[:, None]
-    mask = torch.zeros(2, height, width, dtype=torch.bool)
-    mask[:, 8:24, 20:40] = True
-    depth = 0.4 + torch.rand(2, height, width, generator=generator)
-    depth[:, 8:24, 20:30] = 0
-    return HADRInput(
-        color=torch.rand(2, 3, height, width, generator=generator),
-        depth=depth,
-        mask=mask,
-        intrinsics=torch.tensor([[60.0, 60.0, 31.5, 17.5]]).repeat(2, 1),
-        keypoints=keypoints,
-        keypoints_uv=torch.rand(2, 21, 2, generator=generator) * 32,
-    )
-
 
 WITH_LITE = [kind for kind in DEPTH_NETWORKS if hasattr(NETWORKS[kind].config_class()(), "lite")]
 
@@ -54,9 +33,9 @@ def network(request: pytest.FixtureRequest) -> nn.Module:
 @pytest.mark.parametrize(("height", "width"), [(72, 128), (126, 224), (46, 58)])
 @torch.no_grad()
 def test_any_size_will_do_and_only_the_mask_is_restored(
-    network: nn.Module, height: int, width: int
+    network: nn.Module, height: int, width: int, noise_frames
 ) -> None:
-    inputs = frames(height, width)
+    inputs = noise_frames(height, width, hand=True)
     output = network(inputs)
     assert output.depth.shape == output.restored.shape == (2, height, width)
     assert not (output.restored & ~inputs.mask).any()
@@ -66,8 +45,8 @@ def test_any_size_will_do_and_only_the_mask_is_restored(
 
 
 @torch.no_grad()
-def test_frames_of_a_batch_do_not_influence_each_other(network: nn.Module) -> None:
-    inputs = frames()
+def test_frames_of_a_batch_do_not_influence_each_other(network: nn.Module, noise_frames) -> None:
+    inputs = noise_frames(36, 64, hand=True)
     both = network(inputs).depth
     for number in range(2):
         alone = network(inputs.take(slice(number, number + 1))).depth[0]
@@ -75,8 +54,10 @@ def test_frames_of_a_batch_do_not_influence_each_other(network: nn.Module) -> No
 
 
 @torch.no_grad()
-def test_bytes_are_colours_and_a_frame_without_mask_keeps_its_depth(network: nn.Module) -> None:
-    inputs = frames()
+def test_bytes_are_colours_and_a_frame_without_mask_keeps_its_depth(
+    network: nn.Module, noise_frames
+) -> None:
+    inputs = noise_frames(36, 64, hand=True)
     bytes_ = (255 * inputs.color).round().to(torch.uint8)
     as_floats = network(replace(inputs, color=bytes_ / 255)).depth
     assert torch.equal(network(replace(inputs, color=bytes_)).depth, as_floats)
@@ -85,7 +66,7 @@ def test_bytes_are_colours_and_a_frame_without_mask_keeps_its_depth(network: nn.
 
 
 @pytest.mark.parametrize("kind", WITH_LITE)
-def test_slow_encoders_see_colour_and_learn(kind: str) -> None:
+def test_slow_encoders_see_colour_and_learn(kind: str, noise_frames) -> None:
     config: Any = preset("tiny", kind).model
     torch.manual_seed(0)
     config = replace(config, lite=LiteConfig(stages=2, pretrained=False, frozen=0))
@@ -93,7 +74,7 @@ def test_slow_encoders_see_colour_and_learn(kind: str) -> None:
     (name, lite), *_ = NETWORKS[kind].encoders_of(network).items()
     assert name.endswith("lite")
     assert name in NETWORKS[kind].slow
-    network(frames()).depth.sum().backward()
+    network(noise_frames(36, 64, hand=True)).depth.sum().backward()
     for weight in (lite.stem[1].weight, [*lite.parameters()][-1]):
         assert float(weight.grad.abs().sum()) > 0
 

@@ -17,35 +17,18 @@ from hadr.rivals.dfnet import (
 SMALL = DFNetConfig(width=8, layers=2, growth=4)
 
 
-def frames(height: int = 18, width: int = 32) -> HADRInput:
-    """Two frames with random pictures, depth between 0.4 and 1 m, a hole, and no hand."""
-    generator = torch.Generator().manual_seed(0)
-    mask = torch.zeros(2, height, width, dtype=torch.bool)
-    mask[:, 4:12, 10:20] = True
-    depth = 0.4 + 0.6 * torch.rand(2, height, width, generator=generator)
-    depth[:, 5:9, 12:16] = 0
-    return HADRInput(
-        color=torch.rand(2, 3, height, width, generator=generator),
-        depth=depth,
-        mask=mask,
-        intrinsics=torch.tensor([[30.0, 30.0, 15.5, 8.5]]).repeat(2, 1),
-        keypoints=torch.zeros(2, 21, 3),
-        keypoints_uv=torch.zeros(2, 21, 2),
-    )
-
-
-def settled(config: DFNetConfig = SMALL) -> DFNet:
+def settled(inputs: HADRInput, config: DFNetConfig = SMALL) -> DFNet:
     """A network whose running statistics are those of some frames."""
     torch.manual_seed(0)
     network = DFNet(config)
     for _ in range(20):
-        network(frames())
+        network(inputs)
     return network.eval()
 
 
 @pytest.fixture(scope="module")
-def network() -> DFNet:
-    return settled()
+def network(noise_frames) -> DFNet:
+    return settled(noise_frames())
 
 
 def constant(answer: float) -> DFNet:
@@ -63,9 +46,9 @@ def test_it_has_the_published_number_of_weights_and_needs_no_hand() -> None:
     assert network.config.hand == "none"
 
 
-def test_an_odd_size_is_cut_and_not_stretched() -> None:
+def test_an_odd_size_is_cut_and_not_stretched(noise_frames) -> None:
     # Far from the cut a cut picture gives what the whole one gives.
-    network = settled(replace(SMALL, levels=1, layers=1)).double().network
+    network = settled(noise_frames(), replace(SMALL, levels=1, layers=1)).double().network
     generator = torch.Generator().manual_seed(1)
     color, depth = (
         torch.rand(1, channels, 136, 136, generator=generator).double() for channels in (3, 1)
@@ -76,8 +59,10 @@ def test_an_odd_size_is_cut_and_not_stretched() -> None:
     torch.testing.assert_close(cut[:, :64, :64], whole[:, :64, :64], atol=1e-12, rtol=0)
 
 
-def test_colour_and_measured_depth_matter_in_and_out_of_the_mask(network: DFNet) -> None:
-    inputs = frames()
+def test_colour_and_measured_depth_matter_in_and_out_of_the_mask(
+    network: DFNet, noise_frames
+) -> None:
+    inputs = noise_frames()
     before = network(inputs).image
     inside, outside = inputs.depth.clone(), inputs.depth.clone()
     inside[:, 10, 15] = 0.7
@@ -88,8 +73,10 @@ def test_colour_and_measured_depth_matter_in_and_out_of_the_mask(network: DFNet)
     assert torch.equal(network(elsewhere).image, before)  # it does not see the mask
 
 
-def test_a_scene_in_other_units_is_restored_in_those(network: DFNet, in_double) -> None:
-    network, inputs = in_double(network, frames())
+def test_a_scene_in_other_units_is_restored_in_those(
+    network: DFNet, in_double, noise_frames
+) -> None:
+    network, inputs = in_double(network, noise_frames())
     moved = replace(inputs, depth=torch.where(inputs.depth > 0, 0.5 * inputs.depth + 0.4, 0))
     # apart from the micrometre that the range is wider than the frame's own
     torch.testing.assert_close(
@@ -106,23 +93,25 @@ def test_a_frame_is_normalised_by_its_own_extremes_and_spread() -> None:
     assert high.tolist() == pytest.approx([0.8 + half + 1e-6, 0.5 + 1e-6], abs=1e-7)
 
 
-def test_answers_0_and_1_are_the_ends_of_that_range() -> None:
-    inputs = frames()
+def test_answers_0_and_1_are_the_ends_of_that_range(noise_frames) -> None:
+    inputs = noise_frames()
     filled = fill_nearest(inputs.depth, inputs.depth > 0)
     for answer, ends in zip((0.0, 1.0), frame_range(filled), strict=True):
         expected = ends[:, None, None].expand(2, 18, 32)
         torch.testing.assert_close(constant(answer)(inputs).image, expected)
 
 
-def test_depth_not_before_the_camera_is_not_restored() -> None:
-    output = constant(-1.0)(frames())
+def test_depth_not_before_the_camera_is_not_restored(noise_frames) -> None:
+    output = constant(-1.0)(noise_frames())
     assert output.image.max() < 0
     assert not output.restored.any()
     assert output.depth.abs().max() == 0
 
 
-def test_a_frame_without_depth_in_range_gives_nothing_and_no_nan(network: DFNet, in_double) -> None:
-    network, inputs = in_double(network, frames())
+def test_a_frame_without_depth_in_range_gives_nothing_and_no_nan(
+    network: DFNet, in_double, noise_frames
+) -> None:
+    network, inputs = in_double(network, noise_frames())
     for missing in (0.0, 0.25, 1.6):
         depth = inputs.depth.clone()
         depth[0] = missing
@@ -148,18 +137,18 @@ def test_holes_take_the_nearest_depth_of_their_own_frame() -> None:
     assert filled[2].abs().max() == 0
 
 
-def test_depth_out_of_range_counts_as_a_hole(network: DFNet) -> None:
-    inputs = frames()
+def test_depth_out_of_range_counts_as_a_hole(network: DFNet, noise_frames) -> None:
+    inputs = noise_frames()
     for wrong in (0.29, 1.51, 4.0):
         depth = torch.where(inputs.depth > 0, inputs.depth, wrong)
         assert torch.equal(network(replace(inputs, depth=depth)).image, network(inputs).image)
-    wide = settled(replace(SMALL, far_m=5.0))
+    wide = settled(inputs, replace(SMALL, far_m=5.0))
     depth = torch.where(inputs.depth > 0, inputs.depth, 4.0)
     assert not torch.equal(wide(replace(inputs, depth=depth)).image, wide(inputs).image)
 
 
-def test_without_filling_holes_are_zeros() -> None:
-    inputs = frames()
+def test_without_filling_holes_are_zeros(noise_frames) -> None:
+    inputs = noise_frames()
     low, _ = frame_range(inputs.depth)
     assert low.max() < 0
     unfilled = constant(0.0)
@@ -186,8 +175,8 @@ def test_a_dense_layer_sees_all_before_it_and_the_last_one_alone_answers() -> No
     assert torch.equal(given[2], torch.cat((values, depth, answers[0], answers[1]), dim=1))
 
 
-def test_each_dense_block_is_given_every_nth_pixel_of_the_depth() -> None:
-    network = settled()
+def test_each_dense_block_is_given_every_nth_pixel_of_the_depth(noise_frames) -> None:
+    network = settled(noise_frames())
     steps: list[int] = []
 
     def note(_: torch.nn.Module, inputs: tuple[torch.Tensor, torch.Tensor]) -> None:

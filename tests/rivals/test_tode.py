@@ -6,27 +6,9 @@ import pytest
 import torch
 
 from hadr.models.blocks.stochastic_depth import StochasticDepth
-from hadr.models.network_input import HADRInput
 from hadr.rivals.tode import TODEConfig, TODETrans, _Enlarge, fuse_levels
 
 SMALL = TODEConfig(embed_dim=8, depths=(2, 1, 1), heads=(1, 2, 4), window=4, width=16)
-
-
-def frames(width: int = 32, height: int = 18) -> HADRInput:
-    """Two frames with random pictures, a hole in the mask of the first, and no hand."""
-    generator = torch.Generator().manual_seed(0)
-    mask = torch.zeros(2, height, width, dtype=torch.bool)
-    mask[:, 4:12, 10:20] = True
-    depth = 0.4 + torch.rand(2, height, width, generator=generator)
-    depth[0] *= ~mask[0]
-    return HADRInput(
-        color=torch.rand(2, 3, height, width, generator=generator),
-        depth=depth,
-        mask=mask,
-        intrinsics=torch.tensor([[30.0, 30.0, 15.5, 8.5]]).repeat(2, 1),
-        keypoints=torch.zeros(2, 21, 3),
-        keypoints_uv=torch.zeros(2, 21, 2),
-    )
 
 
 @pytest.fixture(scope="module")
@@ -48,22 +30,26 @@ def test_it_has_the_published_number_of_weights(published: TODETrans) -> None:
     assert count + never_used == pytest.approx(4.9e6, rel=0.01)
 
 
-def test_every_weight_takes_part(network: TODETrans) -> None:
+def test_every_weight_takes_part(network: TODETrans, noise_frames) -> None:
     model = TODETrans(SMALL)
     model.load_state_dict(network.state_dict())
-    model(frames()).image.sum().backward()
+    model(noise_frames()).image.sum().backward()
     assert [name for name, values in model.named_parameters() if values.grad is None] == []
 
 
-def test_the_published_size_and_large_patches_give_an_image(published: TODETrans) -> None:
+def test_the_published_size_and_large_patches_give_an_image(
+    published: TODETrans, noise_frames
+) -> None:
     large = TODETrans(replace(SMALL, patch=4)).eval()
     with torch.no_grad():
-        assert published(frames(128, 72)).image.shape == (2, 72, 128)
-        assert large(frames(34, 22)).image.shape == (2, 22, 34)
+        assert published(noise_frames(72, 128)).image.shape == (2, 72, 128)
+        assert large(noise_frames(22, 34)).image.shape == (2, 22, 34)
 
 
-def test_it_looks_at_colour_and_depth_everywhere_and_not_at_the_mask(network: TODETrans) -> None:
-    inputs = frames()
+def test_it_looks_at_colour_and_depth_everywhere_and_not_at_the_mask(
+    network: TODETrans, noise_frames
+) -> None:
+    inputs = noise_frames()
     with torch.no_grad():
         image = network(inputs).image
         whole = torch.ones_like(inputs.mask)
@@ -73,8 +59,10 @@ def test_it_looks_at_colour_and_depth_everywhere_and_not_at_the_mask(network: TO
         assert not torch.allclose(network(replace(inputs, color=1 - inputs.color)).image, image)
 
 
-def test_the_transformer_is_given_colour_and_metres_as_they_are(network: TODETrans) -> None:
-    inputs = frames()
+def test_the_transformer_is_given_colour_and_metres_as_they_are(
+    network: TODETrans, noise_frames
+) -> None:
+    inputs = noise_frames()
     seen: list[torch.Tensor] = []
     hook = network.swin.register_forward_pre_hook(lambda _, given: seen.append(given[0]))
     with torch.no_grad():
@@ -83,8 +71,8 @@ def test_the_transformer_is_given_colour_and_metres_as_they_are(network: TODETra
     assert torch.equal(seen[0], torch.cat((inputs.color, inputs.depth[:, None]), dim=1))
 
 
-def test_depth_beyond_ten_metres_is_missing(network: TODETrans) -> None:
-    inputs = frames()
+def test_depth_beyond_ten_metres_is_missing(network: TODETrans, noise_frames) -> None:
+    inputs = noise_frames()
     far, none = inputs.depth.clone(), inputs.depth.clone()
     far[:, :3], none[:, :3] = 10.5, 0
     with torch.no_grad():
@@ -92,8 +80,8 @@ def test_depth_beyond_ten_metres_is_missing(network: TODETrans) -> None:
         assert torch.equal(network(replace(inputs, depth=far)).image, expected)
 
 
-def test_a_frame_without_any_depth_gives_numbers(network: TODETrans) -> None:
-    inputs = replace(frames(), depth=torch.zeros(2, 18, 32))
+def test_a_frame_without_any_depth_gives_numbers(network: TODETrans, noise_frames) -> None:
+    inputs = replace(noise_frames(), depth=torch.zeros(2, 18, 32))
     model = TODETrans(SMALL)
     model.load_state_dict(network.state_dict())
     for mode in (True, False):
@@ -104,10 +92,10 @@ def test_a_frame_without_any_depth_gives_numbers(network: TODETrans) -> None:
     assert all(torch.isfinite(grad).all() for grad in grads if grad is not None)
 
 
-def test_where_the_answer_is_not_positive_nothing_is_restored() -> None:
+def test_where_the_answer_is_not_positive_nothing_is_restored(noise_frames) -> None:
     model = TODETrans(SMALL).eval()
     torch.nn.init.constant_(model.head[3].bias, -1e3)
-    output = model(frames())
+    output = model(noise_frames())
     assert not output.restored.any()
     assert output.depth.abs().max() == 0
 
