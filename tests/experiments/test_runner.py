@@ -86,6 +86,10 @@ def append(path: Path, line: str = "VALUE = 1") -> None:
     runner.code_of.cache_clear()
 
 
+def longer(method: str, size: str) -> Preset:
+    return replace(small(method, size), epochs=2)
+
+
 def test_a_row_of_other_code_is_measured_again(bench: Bench, code: Path) -> None:
     run, other = Run("known", "nearest"), Run("known", "tode")
     row, before = bench.measure(run), bench.configuration(other)
@@ -104,7 +108,7 @@ def test_a_row_of_other_code_is_measured_again(bench: Bench, code: Path) -> None
 
 
 def test_code_that_scores_keeps_a_training_and_code_that_trains_sets_it_aside(
-    bench: Bench, code: Path
+    bench: Bench, code: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = Run("known", "unet-hand")
     row, last = bench.measure(run), bench.out / run.name / "last.safetensors"
@@ -119,6 +123,10 @@ def test_code_that_scores_keeps_a_training_and_code_that_trains_sets_it_aside(
     assert (bench.finished(run) or {})["epochs"] == 1
     aside = bench.out / "known" / "unet-hand" / "seed-0.old-1"
     assert (aside / "last.safetensors").read_bytes() == weights
+    write_tables(bench, bench.out.parent)
+    assert len(read_result_file(bench.out.parent / "known.json").rows) == 1  # without that one
+    monkeypatch.setattr(runner, "recipe_of", longer)
+    assert (bench.finished(run), bench.epochs_done(run)) == (None, 0)
 
 
 def test_a_whole_training_of_other_code_counts_where_that_is_asked_for(
@@ -138,9 +146,9 @@ def test_a_whole_training_of_other_code_counts_where_that_is_asked_for(
     assert bench.finished(run) == again
     # not one of another recipe, and not one that was stopped
     append(code / "training" / "tasks" / "images.py", "VALUE = 2")
-    longer = lambda method, size: replace(small(method, size), epochs=2)  # noqa: E731
     monkeypatch.setattr(runner, "recipe_of", longer)
     assert (keeping.epochs_done(run), keeping.measure(run)["epochs"]) == (0, 2)
+    assert keeping.epochs_done(run) == 2
     aside = bench.out / "known" / "unet-hand" / "seed-0.old-1"
     assert (aside / "last.safetensors").read_bytes() == weights
 
