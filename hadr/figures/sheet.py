@@ -52,11 +52,11 @@ class Sheet:
         patch.set_linewidth(lw)
         self.page.add_patch(patch)
 
-    def arrow(self, *places: tuple[float, float], color: str = INK) -> None:
+    def arrow(self, *places: tuple[float, float]) -> None:
         """Draw an arrow along a line of two places or more."""
         way = Path(list(places))
         head = "-|>,head_width=4,head_length=7"
-        patch = FancyArrowPatch(path=way, arrowstyle=head, lw=2.2, color=color)
+        patch = FancyArrowPatch(path=way, arrowstyle=head, lw=2.2, color=INK)
         self.page.add_patch(patch)
 
     def dim_all_but(self, boxes: Sequence[Box]) -> None:

@@ -18,6 +18,7 @@ from hadr.camera import back_project, project, resize_color
 from hadr.corruption import erase_mask
 from hadr.data.frame import Frame
 from hadr.data.samples import open_samples, samples_dir
+from hadr.figures.depth.restored_glass import square_window
 from hadr.figures.panels import COLORS, DEPTH_MAP, MISSING, bare_axes, show_keypoints
 from hadr.figures.sheet import FONT, INK, Box, Sheet
 from hadr.handover.grasping.candidates import sample_grasps
@@ -80,12 +81,7 @@ class _Example:
     @property
     def window(self) -> tuple[slice, slice]:
         """Rows and columns of a square around the glass."""
-        rows, columns = np.nonzero(self.frame.object_mask)
-        half = int(0.62 * max(np.ptp(rows), np.ptp(columns)))
-        v, u = ((lines.min() + lines.max()) // 2 for lines in (rows, columns))
-        height, width = self.frame.depth.shape
-        v, u = (int(np.clip(x, half, size - half)) for x, size in ((v, height), (u, width)))
-        return slice(v - half, v + half), slice(u - half, u + half)
+        return square_window(self.frame.object_mask)
 
 
 @cache
