@@ -14,6 +14,7 @@ from hadr.models.networks import DEPTH_NETWORKS
 from hadr.restoration import Restorer, restore
 from hadr.trained_finders import SeenMasks
 
+RULE = ConfidenceRule("candidates", 0.0, 1.0, Calibration((0.2, 0.8), (0.3, 0.3))).to_dict()
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 
 
@@ -246,13 +247,24 @@ def small_hadr(hand: str = "3d"):
     )
 
 
-def checkpoint_file(folder, hand: str = "3d", **record):
-    """An untrained HADR as a checkpoint."""
+def depth_network(kind: str):
+    """A small untrained network that restores depth."""
+    import torch
+
+    from hadr.models.networks import NETWORKS
+    from hadr.training.presets import preset
+
+    torch.manual_seed(0)
+    return NETWORKS[kind].network_class()(preset("tiny", kind).model)
+
+
+def checkpoint_file(folder, kind: str = "", hand: str = "3d", **record):
+    """An untrained network of a kind, or `small_hadr`, as a checkpoint."""
     from hadr.training.checkpoints import save_checkpoint
 
-    path = folder / "untrained.safetensors"
+    path = folder / f"{kind or 'untrained'}.safetensors"
     meta = {"width": 64, "height": 40, "preset": {"name": "tiny"}, "epochs": 0} | record
-    save_checkpoint(path, small_hadr(hand), meta)
+    save_checkpoint(path, depth_network(kind) if kind else small_hadr(hand), meta)
     return path
 
 
@@ -274,15 +286,6 @@ def test_hadr_restores_only_the_mask_at_full_size_with_its_probability(tmp_path)
     )
     again = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     np.testing.assert_array_equal(result.depth, again.depth)
-
-
-def test_a_mask_of_one_pixel_is_restored(tmp_path) -> None:
-    color, depth, _ = frame()
-    mask = np.zeros((60, 80), bool)
-    mask[31, 41] = True  # between the working pixels
-    result = restore(color, depth, CAMERA, mask, hand(), checkpoint=checkpoint_file(tmp_path))
-    assert result.restored[31, 41]
-    assert result.restored.sum() == 1
 
 
 def test_a_checkpoint_without_hand_fits_a_frame_without_hand(tmp_path) -> None:
@@ -354,14 +357,9 @@ def test_an_odd_camera_is_noted_whatever_the_method(changed: dict, says: str | N
 
 
 def test_skin_that_is_gray_or_blue_gives_no_probability(tmp_path) -> None:
-    from hadr.training.checkpoints import save_checkpoint
-
     color, depth, mask = frame()
-    path, size = tmp_path / "plus.safetensors", {"width": 64, "height": 40}
-    rule = ConfidenceRule("candidates", 0.0, 1.0, Calibration((0.2, 0.8), (0.3, 0.3))).to_dict()
-    save_checkpoint(path, depth_network("hadr-plus"), size)
-    ground = {"confidence": rule, "ground": ground_of_frame(path)}
-    save_checkpoint(path, depth_network("hadr-plus"), size | ground)
+    ground = ground_of_frame(checkpoint_file(tmp_path, "hadr-plus"))
+    path = checkpoint_file(tmp_path, "hadr-plus", confidence=RULE, ground=ground)
     said = {}
     gray = np.repeat(color[..., 1:2], 3, axis=2)
     for name, picture in (
@@ -427,17 +425,13 @@ def ground_of_frame(path) -> dict:
 def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(tmp_path) -> None:
     """The rule says 0.3 whatever the network's score; the raw score is another."""
     from hadr.press.own_frames.restore_report import confidence_means, report
-    from hadr.training.checkpoints import save_checkpoint
 
     color, depth, mask = frame()
-    path = tmp_path / "plus.safetensors"
-    size = {"width": 64, "height": 40}
-    save_checkpoint(path, depth_network("hadr-plus"), size)
+    path = checkpoint_file(tmp_path, "hadr-plus")
     plain = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert plain.tolerance_m is None
     assert any("never calibrated" in n for n in plain.notes)
-    rule = ConfidenceRule("candidates", 0.0, 1.0, Calibration((0.2, 0.8), (0.3, 0.3))).to_dict()
-    save_checkpoint(path, depth_network("hadr-plus"), size | {"confidence": rule})
+    checkpoint_file(tmp_path, "hadr-plus", confidence=RULE)
     unknown = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert unknown.tolerance_m is None
     assert (unknown.confidence[mask] == 0).all()
@@ -445,8 +439,7 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
         "plus.safetensors does not say which frames it learned from" in n for n in unknown.notes
     )
     assert confidence_means(unknown).startswith("no probability: it is not known")
-    known = size | {"confidence": rule, "ground": ground_of_frame(path)}
-    save_checkpoint(path, depth_network("hadr-plus"), known)
+    checkpoint_file(tmp_path, "hadr-plus", confidence=RULE, ground=ground_of_frame(path))
     sure = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert sure.ground.inside
     assert sure.tolerance_m == 0.02
@@ -492,29 +485,11 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     assert listed["features"]["distance"] == pytest.approx(1.4)
 
 
-def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:
-    color, depth, mask = frame()
-    path = checkpoint_file(tmp_path, learned_range={"depth_m": [0.2, 0.3], "frames": 4})
-    result = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
-    assert not result.restored.any()
-    assert (result.depth[mask] == 0).all()
-    assert (result.confidence[mask] == 0).all()
-    np.testing.assert_array_equal(result.depth[~mask], depth[~mask])
-    told = "stay missing: their depth would lie outside of what it has learned (0.20 to 0.30 m)"
-    assert f"of the mask's pixels 100.0 % {told}" in result.notes
-    assert "400 of 400 pixels of the mask could not be restored" in result.notes
-
-
 def test_hadr_plus_keeps_its_depth_beyond_the_learned_range_without_probability(tmp_path) -> None:
-    from hadr.training.checkpoints import save_checkpoint
-
     color, depth, mask = frame()
-    path = tmp_path / "plus.safetensors"
-    network = depth_network("hadr-plus")
     results = {}
     for far in (5.0, 0.3):
-        record = {"width": 64, "height": 40, "learned_range": {"depth_m": [0.2, far]}}
-        save_checkpoint(path, network, record)
+        path = checkpoint_file(tmp_path, "hadr-plus", learned_range={"depth_m": [0.2, far]})
         results[far] = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     free, held = results.values()
     assert held.restored.any()
@@ -530,11 +505,8 @@ def test_hadr_plus_keeps_its_depth_beyond_the_learned_range_without_probability(
 
 
 def test_a_network_that_skips_depth_in_the_mask_does_not_claim_to_trust_it(tmp_path) -> None:
-    from hadr.training.checkpoints import save_checkpoint
-
     color, depth, mask = frame()
-    path = tmp_path / "plus.safetensors"
-    save_checkpoint(path, depth_network("hadr-plus"), {"width": 64, "height": 40})
+    path = checkpoint_file(tmp_path, "hadr-plus")
     first, second = (
         restore(color, depth, CAMERA, mask, hand(), checkpoint=path, corruption=given)
         for given in ("oracle", "sensor")
@@ -544,24 +516,9 @@ def test_a_network_that_skips_depth_in_the_mask_does_not_claim_to_trust_it(tmp_p
     assert not any("learned from frames without" in note for note in second.notes)
 
 
-def depth_network(kind: str):
-    """A small untrained network that restores depth."""
-    import torch
-
-    from hadr.models.networks import NETWORKS
-    from hadr.training.presets import preset
-
-    torch.manual_seed(0)
-    return NETWORKS[kind].network_class()(preset("tiny", kind).model)
-
-
 @pytest.mark.parametrize("kind", DEPTH_NETWORKS)
 def test_each_kind_of_checkpoint_restores(tmp_path, kind: str) -> None:
-    from hadr.training.checkpoints import save_checkpoint
-
-    model = depth_network(kind)
-    path = tmp_path / "small.safetensors"
-    save_checkpoint(path, model, {"width": 64, "height": 40})
+    path = checkpoint_file(tmp_path, kind)
     color, depth, mask = frame()
     result = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert result.method == kind
