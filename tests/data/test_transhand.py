@@ -65,47 +65,35 @@ def _more(rng):
     return raw, normals.astype(np.float32), pose
 
 
-@pytest.mark.parametrize(
-    ("nested", "object_folder", "depth_format"),
-    [(True, "obj_mask", "npy"), (False, "object_mask", "png")],
-)
-def test_round_trip_in_both_layouts(tmp_path, nested, object_folder, depth_format):
-    frame = make_frame(background=True)
-    write_frame(
-        tmp_path, frame, nested=nested, object_folder=object_folder, depth_format=depth_format
-    )
-    assert (tmp_path / "train" / "0004" / "depth").is_dir() == nested
-    frames = TransHand(tmp_path, "train")
-    assert len(frames) == 1
-    read = frames[0]
-    np.testing.assert_array_equal(read.color, frame.color)
-    np.testing.assert_allclose(read.depth, frame.depth, atol=0 if depth_format == "npy" else 5.1e-5)
-    np.testing.assert_allclose(read.background_depth, frame.background_depth, atol=5.1e-5)
-    np.testing.assert_array_equal(read.hand_mask, frame.hand_mask)
-    np.testing.assert_array_equal(read.object_mask, frame.object_mask)
-    np.testing.assert_allclose(read.keypoints, frame.keypoints, atol=1e-6)
-    np.testing.assert_allclose(read.keypoints_uv, frame.keypoints_uv, atol=1e-4)
-    np.testing.assert_allclose(read.world_from_camera, frame.world_from_camera, atol=1e-9)
-    assert read.camera == CAMERA
-    assert (read.stem, read.object_id, read.split) == ("000007", "0004", "train")
-    assert read.hold_id == "0004-stem-0001"
-    assert not list(tmp_path.rglob("*.part*"))
-
-
 @settings(max_examples=20)
 @given(
     st.integers(0, 2**32 - 1),
     st.booleans(),
     st.sampled_from(["npy", "png"]),
     st.sampled_from([None, 95]),
+    st.sampled_from(["obj_mask", "object_mask"]),
 )
-def test_every_frame_comes_back_to_the_stored_precision(seed, nested, depth_format, quality):
+def test_every_frame_comes_back_to_the_stored_precision(seed, nested, form, quality, object_folder):
     frame = make_frame(seed=seed, background=True, more=True)
+    form = {"nested": nested, "object_folder": object_folder, "depth_format": form}
     with tempfile.TemporaryDirectory() as folder:
-        write_frame(folder, frame, nested=nested, depth_format=depth_format, jpeg_quality=quality)
-        read = TransHand(folder, "train")[0]
+        write_frame(folder, frame, **form, jpeg_quality=quality)
+        assert (Path(folder) / "train" / "0004" / "depth").is_dir() == nested
+        frames = TransHand(folder, "train")
+        assert len(frames) == 1
+        read = frames[0]
         left = [p.name for p in Path(folder).iterdir()]
+        assert not list(Path(folder).rglob("*.part*"))
     assert left == ["train"]  # nothing unfinished
+    if quality is None:
+        np.testing.assert_array_equal(read.color, frame.color)
+    exact = form["depth_format"] == "npy"
+    np.testing.assert_allclose(read.depth, frame.depth, atol=0 if exact else 5.1e-5)
+    np.testing.assert_array_equal(read.hand_mask, frame.hand_mask)
+    np.testing.assert_array_equal(read.object_mask, frame.object_mask)
+    np.testing.assert_allclose(read.keypoints_uv, frame.keypoints_uv, atol=1e-4)
+    assert (read.stem, read.object_id, read.split) == ("000007", "0004", "train")
+    assert read.hold_id == "0004-stem-0001"
     np.testing.assert_allclose(read.raw_depth, frame.raw_depth, atol=0.501e-3)
     np.testing.assert_array_equal(read.raw_depth == 0, frame.raw_depth < 0.5e-3)
     np.testing.assert_allclose(read.background_depth, frame.background_depth, atol=5.1e-5)
@@ -246,6 +234,7 @@ def test_a_frame_in_the_authors_form(tmp_path):
     assert frame.camera.cx == 640
     np.testing.assert_allclose(frame.keypoints_uv[3], [103, 53.5])
     assert frame.background_depth is None
+    assert frame.world_from_object is None
     assert frame.hold_id is None
 
 
@@ -337,16 +326,6 @@ def test_a_grey_picture_is_no_colour_picture(tmp_path):
     path = next((tmp_path / "train/0004/depth/rgb").iterdir())
     path.write_bytes(cv2.imencode(path.suffix, np.full((H, W), 7, np.uint8))[1].tobytes())
     with pytest.raises(ValueError, match=rf"{path.name}: a colour picture has three channels"):
-        TransHand(tmp_path, "train")[0]
-
-
-def test_a_flipped_bit_in_a_png_is_named(tmp_path):
-    write_frame(tmp_path, make_frame(), depth_format="png")
-    path = tmp_path / "train/0004/depth/depth_png/000007.png"
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 4
-    path.write_bytes(data)
-    with pytest.raises(ValueError, match=r"frame 000007: .*depth_png/000007.png: .*PNG is damaged"):
         TransHand(tmp_path, "train")[0]
 
 
@@ -487,6 +466,7 @@ def test_a_broken_log_is_named(tmp_path):
         ("depth_png scale", True, "'depth_png scale': must be a number, got True"),
         ("depth_png scale", 1e300, "'depth_png scale' must be at most 0.01 m"),
         ("world_from_object", [[0.0] * 4] * 4, "'world_from_object' must be a rigid"),
+        ("world_from_object", [[1, 2], [3, 4]], "'world_from_object' must be a rigid 4x4"),
         ("camera internal", [[10**400] * 3] * 3, "'camera internal' must be a 3x3 matrix"),
     ],
 )
@@ -508,16 +488,6 @@ def test_intrinsics_by_name_by_matrix_or_left_out(tmp_path):
     with pytest.raises(ValueError, match="'camera internal' must be a 3x3 matrix"):
         TransHand(tmp_path, "train")[0]
     assert TransHand(tmp_path, "train", camera=CAMERA)[0].camera == CAMERA
-
-
-def test_the_objects_pose_of_a_log(tmp_path):
-    write_frame(tmp_path, make_frame())
-    assert TransHand(tmp_path, "train")[0].world_from_object is None
-    path = tmp_path / "train/0004/depth/log_json/000007.json"
-    log = json.loads(path.read_text()) | {"world_from_object": [[1, 2], [3, 4]]}
-    path.write_text(json.dumps(log))
-    with pytest.raises(ValueError, match=r"'world_from_object' must be a rigid 4x4 matrix"):
-        TransHand(tmp_path, "train")[0]
 
 
 def test_a_png_without_a_scale_asks_for_it(tmp_path):
