@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from hadr.camera import Intrinsics
 from hadr.corruption import (
@@ -64,25 +62,6 @@ def test_see_through_has_the_asked_shares_and_the_backgrounds_depth() -> None:
     assert (inside == np.float32(0.9)).sum() == round(0.8 * n) - round(0.3 * n)
     assert (inside == np.float32(0.5)).sum() == n - round(0.8 * n)
     np.testing.assert_array_equal(seen[~mask], depth[~mask])
-
-
-def test_quantisation_step_is_z_squared_over_f_b() -> None:
-    """Two neighbouring disparities differ by one step: dz = z^2 / (f b) * step."""
-    z = np.linspace(0.7, 0.9, 120 * 160, dtype=np.float32).reshape(120, 160)
-    step, baseline = 1 / 8, 0.05
-    levels = np.unique(
-        stereo_noise(
-            z,
-            CAMERA,
-            np.random.default_rng(0),
-            baseline_m=baseline,
-            disparity_step=step,
-            disparity_std=0,
-        )
-    )
-    middle = np.argmin(np.abs(levels - 0.8))
-    found = (levels[middle + 1] - levels[middle - 1]) / 2
-    assert found == pytest.approx(0.8**2 / (CAMERA.fx * baseline) * step, rel=0.02)
 
 
 def test_depth_is_quantised_to_whole_steps_of_disparity() -> None:
@@ -281,39 +260,9 @@ def test_errors_name_the_values() -> None:
         corrupt(depth, mask, CAMERA, np.random.default_rng(0), ANALYTIC)
 
 
-@settings(max_examples=25)
-@given(seed=st.integers(0, 2**32 - 1), missing=st.floats(0, 0.6), background=st.floats(0, 0.4))
-def test_outside_the_mask_the_glass_changes_nothing(
-    seed: int, missing: float, background: float
-) -> None:
-    depth, mask = two_steps(), disc(10)
-    rng = np.random.default_rng(seed)
-    corrupted = see_through(
-        depth, plane(1.2), mask, rng, missing_share=missing, background_share=background
-    )
-    np.testing.assert_array_equal(corrupted[~mask], depth[~mask])
-    assert (corrupted[mask] == 0).sum() == round(missing * mask.sum())
-
-
 def test_smooth_noise_is_standardised_and_smooth() -> None:
     noise = smooth_noise((200, 200), 4.0, np.random.default_rng(0))
     assert noise.mean() == pytest.approx(0, abs=1e-12)
     assert noise.std() == pytest.approx(1)
     neighbours = (noise[:, 1:] * noise[:, :-1]).mean()
     assert neighbours == pytest.approx(np.exp(-1 / (4 * 4.0**2)), abs=0.005)
-
-
-@pytest.mark.parametrize(
-    ("scene", "missing"), [("000000080", (0.4, 0.5)), ("000000130", (0.7, 0.8))]
-)
-def test_real_glass_is_missing_and_behind(
-    realdata, scene: str, missing: tuple[float, float]
-) -> None:
-    folder = realdata / "cleargrasp_d435"
-    found = corruption_statistics(
-        read_depth(folder / f"{scene}-transparent-depth-img.exr"),
-        read_depth(folder / f"{scene}-opaque-depth-img.exr"),
-        read_mask(folder / f"{scene}-mask.png"),
-    )
-    assert missing[0] < found.missing_share < missing[1]
-    assert 0.01 < found.bias_m < 0.06
