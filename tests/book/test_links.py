@@ -49,22 +49,6 @@ def test_every_link_inside_of_the_book_leads_somewhere(html):
     assert dead_links(html) == []
 
 
-def test_dead_links_are_seen(tmp_path):
-    (tmp_path / "notebooks").mkdir()
-    (tmp_path / "notebooks" / "a.html").write_text('<h1 id="there">A</h1><a href="../b.html">b</a>')
-    (tmp_path / "b.html").write_text(
-        '<a href="notebooks/a.html#there">1</a><a href="notebooks/a.html#gone">2</a>'
-        '<a href="#here">3</a><i id="here"></i><a href="#lost">4</a><a href="c.html">5</a>'
-        '<img src="x%20y.png"><a href="https://example.org/z#q">6</a><a href="mailto:a@b">7</a>'
-    )
-    assert dead_links(tmp_path) == [
-        "b.html -> #lost", "b.html -> c.html", "b.html -> notebooks/a.html#gone",
-        "b.html -> x%20y.png",
-    ]  # fmt: skip
-    (tmp_path / "x y.png").touch()
-    assert "b.html -> x%20y.png" not in dead_links(tmp_path)
-
-
 def test_every_page_of_the_contents_was_built(html):
     contents = yaml.safe_load((ROOT / "book" / "_toc.yml").read_text(encoding="utf-8"))
     entries = [entry for part in contents["parts"] for entry in part["chapters"]]

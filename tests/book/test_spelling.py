@@ -72,23 +72,6 @@ def unknown(text: str) -> list[str]:
     return sorted(checker.unknown(words_of(text)))
 
 
-def test_prose_is_read_and_code_is_not():
-    page = (
-        "---\nkernelspec: xyzkernel\n---\n# A titel with `xyzcode` and $xyzmath$\n\n"
-        "(xyzlabel)=\n[a linkk](xyzaddress.md), {cite}`xyzkey`, <xyztag>the handd’s</xyztag>\n\n"
-        "```{code-cell} ipython3\n:tags: [xyztag]\nmystnb:\n  image:\n    alt: A pictur\n"
-        "xyzname = 1\n```\n\n````{exercise} An exercis\n:label: xyzname\nAnd its wordz\n````\n\n"
-        "```bash\nxyzcommand\n```\nthe ennd of 782ee858424beb59\n"
-    )
-    found = words_of(page)
-    assert {"titel", "linkk", "handd", "pictur", "exercis", "wordz", "ennd"} <= found
-    assert [word for word in found if word.startswith(("xyz", "beb"))] == []
-
-
-def test_a_misspelt_word_is_seen_and_a_right_one_is_not():
-    assert unknown("The colour of the handover's gripper, recieved") == ["recieved"]
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_every_word_is_known(page):
     assert unknown(page.read_text(encoding="utf-8")) == []

@@ -95,8 +95,3 @@ def test_hadr_learns_four_frames_by_heart(micro: Preset, frames: FrameTensors) -
         true_voxel_epochs=20,
     )
     learn_by_heart(recipe, frames.take(range(4)))
-
-
-def test_one_depth_for_all_by_hand(frames: FrameTensors) -> None:
-    # 45, 50, 55 and 60 cm: whatever lies between the middle two is 7.5, 2.5, 2.5 and 7.5 off
-    assert one_depth_for_all(frames.take(range(4))) == pytest.approx(0.05)
