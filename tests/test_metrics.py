@@ -150,14 +150,6 @@ def test_pooled_takes_frames_of_different_sizes_and_an_iterator():
     assert pool.mae_m == pytest.approx((1.0 + 0.54) / 5)
 
 
-def test_pooled_of_one_frame_is_that_frame():
-    one = frame_metrics(PREDICTED, TRUTH, EVERYWHERE)
-    pool = pooled([(PREDICTED, TRUTH, EVERYWHERE)])
-    mean = mean_over_frames([one])
-    for name in ("rmse_m", "rel", "mae_m", "delta_105", "delta_110", "delta_125", "pixels"):
-        assert getattr(pool, name) == getattr(one, name) == getattr(mean, name)
-
-
 def test_frames_without_a_prediction_lower_the_coverage_only():
     empty = frame_metrics(np.zeros((2, 2)), TRUTH, EVERYWHERE)
     full = frame_metrics(PREDICTED, TRUTH, EVERYWHERE)

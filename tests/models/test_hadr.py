@@ -198,17 +198,6 @@ def test_rays_without_candidate_are_not_restored() -> None:
     assert torch.all(output.points[output.chosen < 0] == 0)
 
 
-def test_nothing_to_see_and_nothing_to_restore() -> None:
-    model = HADR(MICRO).eval()
-    inputs, _ = scene()
-    empty = model(replace(inputs, depth=torch.zeros_like(inputs.depth)))
-    assert not empty.restored.any()
-    assert len(empty.pairs) == 0
-    unmasked = model(replace(inputs, mask=torch.zeros_like(inputs.mask)))
-    assert len(unmasked.rays) == 0
-    assert not unmasked.restored.any()
-
-
 @pytest.mark.parametrize(
     "config",
     [

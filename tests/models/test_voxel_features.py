@@ -98,18 +98,6 @@ def test_max_pooling_by_hand() -> None:
     assert got[:, 0].tolist() == pytest.approx([0.7, 0.0, 0.2], abs=1e-5)
 
 
-def test_split_layer_is_one_linear_on_the_joined_vector() -> None:
-    model = encoder()
-    joined = nn.Linear(128, 128)
-    with torch.no_grad():
-        joined.weight.copy_(torch.cat((model.mix_point.weight, model.mix_voxel.weight), dim=1))
-        joined.bias.copy_(model.mix_point.bias)
-    point, voxel = torch.randn(9, 64), torch.randn(9, 64)
-    torch.testing.assert_close(
-        model.mix_point(point) + model.mix_voxel(voxel), joined(torch.cat((point, voxel), dim=1))
-    )
-
-
 def test_widths_are_the_papers() -> None:
     shapes = {name: tuple(p.shape) for name, p in encoder().named_parameters() if p.dim() == 2}
     assert shapes == {

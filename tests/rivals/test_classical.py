@@ -68,17 +68,6 @@ def test_inpainting_a_plane_keeps_it_even_beside_missing_pixels() -> None:
     assert (filled[18:42, 28:30] == 0).all(), "only the mask's pixels are restored"
 
 
-def test_opencv_on_float_depth_is_why_we_do_not_use_it() -> None:
-    floats = cv2.inpaint(
-        np.where(hole(), 0, ramp()).astype(np.float32),
-        hole().astype(np.uint8),
-        3.0,
-        cv2.INPAINT_TELEA,
-    )
-    assert floats.min() < 0.4
-    assert floats.max() > 1.0
-
-
 def test_inpainting_deep_scenes_uses_millimetres() -> None:
     depth, mask = np.full((30, 40), 9.0, np.float32), hole()
     np.testing.assert_allclose(inpaint(depth, mask)[mask], 9.0, atol=5.01e-3)

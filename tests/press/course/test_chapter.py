@@ -2,7 +2,6 @@ import pytest
 
 from hadr.press.course.chapter import (
     hints,
-    last_call,
     plain_markdown,
     read_chapter,
     short_citations,
@@ -74,6 +73,7 @@ def test_hints_that_cannot_be_read_are_named(small_notebook, listed):
         (0, "**You will be able to**\n\n- stop.\n", "has no title"),
         (7, "answer == 6", "the check cell of ex-07-1 must end with check"),
         (10, "print(6)", "the solution of ex-07-1 must end with check"),
+        (10, "", "the solution of ex-07-1 must end with check"),
     ],
 )
 def test_what_is_missing_is_named(small_notebook, cell, source, words):
@@ -95,12 +95,6 @@ def test_an_exercise_without_check_or_label_is_named(small_notebook):
                 )
             )
         )
-
-
-def test_last_call():
-    assert last_call("a = 1\ncheck(a, 2)", "it").lineno == 2
-    with pytest.raises(ValueError, match="it must end with check"):
-        last_call("", "it")
 
 
 def test_every_chapter_of_the_book_can_be_read(root):
