@@ -1,4 +1,4 @@
-"""The keypoint network's training: scores by hand, chance, empty hands, overfitting."""
+"""The keypoint network's training: scores by hand, chance, empty hands."""
 
 from dataclasses import replace
 
@@ -24,11 +24,6 @@ RECIPE = Preset(
     model=HandKeypointConfig(
         UNetConfig((1, 1, 1, 1), widths=(16, 16, 32, 32), decoder=(32, 32, 32, 32)), crop=48
     ),
-    epochs=150,
-    schedule="cosine",
-    learning_rate=5e-3,
-    clip_norm=1.0,
-    batch_size=4,
     augment=False,
 )
 

@@ -1,4 +1,4 @@
-"""The segmentation network's training: loss and scores by hand, overfitting."""
+"""The segmentation network's training: loss and scores by hand."""
 
 import math
 
@@ -21,11 +21,6 @@ RECIPE = Preset(
     model=SegmentationConfig(
         UNetConfig((1, 1, 1, 1), widths=(8, 16, 16, 16), decoder=(16, 16, 16, 16))
     ),
-    epochs=100,
-    schedule="cosine",
-    learning_rate=5e-3,
-    clip_norm=1.0,
-    batch_size=4,
     augment=False,
 )
 
