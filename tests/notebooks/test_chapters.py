@@ -31,8 +31,10 @@ def cells_of(notebook, kind):
     return [cell for cell in notebook.cells if cell.cell_type == kind]
 
 
-def prose_of(notebook):
-    return "\n\n".join(cell.source for cell in cells_of(notebook, "markdown"))
+def prose_of(notebook, fences=True):
+    """The Markdown of a notebook, with or without what stands in fences of code."""
+    text = "\n\n".join(cell.source for cell in cells_of(notebook, "markdown"))
+    return text if fences else re.sub(r"^(`{3,}).*?^\1[ \t]*$", "", text, flags=re.M | re.S)
 
 
 def test_twins_are_in_step():
@@ -74,12 +76,6 @@ def test_the_parameters_are_used(notebook):
     assert {"out_dir", "seed"} <= names
 
 
-def test_writes_its_results(chapter, notebook):
-    code = "\n".join(cell.source for cell in cells_of(notebook, "code"))
-    found = re.findall(r"write_results\(\s*out_dir,\s*[\"']([^\"']+)[\"']", code)
-    assert found == [chapter.stem]
-
-
 def test_cells_are_short_and_prose_stands_between(notebook):
     code = [c for c in cells_of(notebook, "code") if "colab" not in c.metadata.get("tags", [])]
     lengths = [len(cell.source.splitlines()) for cell in code]
@@ -118,17 +114,6 @@ def test_citations_are_in_the_bibliography(notebook):
             assert key.strip() in known
 
 
-@pytest.fixture
-def cells(notebook):
-    return list(notebook.cells)
-
-
-def prose(cells):
-    """The Markdown of a notebook without what stands in fences of code."""
-    text = "\n\n".join(cell.source for cell in cells if cell.cell_type == "markdown")
-    return re.sub(r"^(`{3,}).*?^\1[ \t]*$", "", text, flags=re.M | re.S)
-
-
 def tags(cell):
     return list(cell.metadata.get("tags", []))
 
@@ -138,8 +123,8 @@ def section(text, heading):
     return re.split(r"^## ", text.split(f"\n## {heading}\n", 1)[1], maxsplit=1, flags=re.M)[0]
 
 
-def test_begins_with_its_question_goals_and_needs(cells):
-    title, _, rest = cells[0].source.partition("\n")
+def test_begins_with_its_question_goals_and_needs(notebook):
+    title, _, rest = notebook.cells[0].source.partition("\n")
     assert title.startswith("# ")
     places = [
         re.search(pattern, rest, re.M)
@@ -159,20 +144,20 @@ def test_begins_with_its_question_goals_and_needs(cells):
     assert len(re.findall(r"[.?!](?=\s|$)", opening)) <= 3
 
 
-def test_the_last_sections_are_in_order(cells):
-    headings = re.findall(r"^## (.+)$", prose(cells), re.M)
+def test_the_last_sections_are_in_order(notebook):
+    headings = re.findall(r"^## (.+)$", prose_of(notebook, fences=False), re.M)
     last = ["What goes wrong?", "Exercises", "Summary"]
     assert [heading for heading in headings if heading in last] == last
     assert headings[-2:] == last[-2:]
     assert not [h for h in headings if re.match(r"(?i)what goes wrong", h) and h not in last]
 
 
-def test_what_goes_wrong_has_a_paragraph(cells):
-    assert len(section(prose(cells), "What goes wrong?").split()) >= 30
+def test_what_goes_wrong_has_a_paragraph(notebook):
+    assert len(section(prose_of(notebook, fences=False), "What goes wrong?").split()) >= 30
 
 
-def test_ends_with_a_summary_the_library_and_what_to_read(cells):
-    end = section(prose(cells), "Summary")
+def test_ends_with_a_summary_the_library_and_what_to_read(notebook):
+    end = section(prose_of(notebook, fences=False), "Summary")
     summary, _, rest = end.partition("**In the library:** ")
     assert rest, "no line '**In the library:** '"
     library, _, after = rest.partition("\n\n**Read next:** ")
@@ -183,15 +168,15 @@ def test_ends_with_a_summary_the_library_and_what_to_read(cells):
     assert "\n\n" not in after.strip()
 
 
-def test_the_next_chapter_is_linked(chapter, cells):
-    after = section(prose(cells), "Summary").partition("**Read next:** ")[2]
+def test_the_next_chapter_is_linked(chapter, notebook):
+    after = section(prose_of(notebook, fences=False), "Summary").partition("**Read next:** ")[2]
     place = CHAPTERS.index(chapter) + 1
     name = CHAPTERS[place].name if place < len(CHAPTERS) else "../"
     assert f"]({name}" in after
 
 
-def test_parameters_and_imports_are_folded(cells):
-    code = [cell for cell in cells if cell.cell_type == "code"]
+def test_parameters_and_imports_are_folded(notebook):
+    code = cells_of(notebook, "code")
     (place,) = [number for number, cell in enumerate(code) if "parameters" in tags(cell)]
     assert "hide-input" in tags(code[place])
     imports = code[place + 1]
@@ -200,8 +185,8 @@ def test_parameters_and_imports_are_folded(cells):
     assert "hide-input" in tags(imports)
 
 
-def test_the_last_cell_keeps_the_results_and_no_page_shows_it(chapter, cells):
-    last = cells[-1]
+def test_the_last_cell_keeps_the_results_and_no_page_shows_it(chapter, notebook):
+    last = notebook.cells[-1]
     assert last.cell_type == "code"
     calls = [
         node
