@@ -1,11 +1,13 @@
-"""A headless Chromium over the built book, driven by Playwright."""
+"""A headless Chromium over the built book, driven by Playwright; the book's extensions."""
 
 import os
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import cv2
@@ -91,6 +93,17 @@ def html() -> Path:
     if not (folder / "index.html").exists():
         pytest.skip(f"no built book in {folder}: run `make book` first")
     return folder
+
+
+@pytest.fixture(scope="module")
+def extension(request: pytest.FixtureRequest) -> ModuleType:
+    """The book's extension that the file's tests are of, test_NAME.py of NAME.py."""
+    pytest.importorskip("sphinx", reason="needs the extra: pip install -e '.[book]'")
+    name = request.path.stem.removeprefix("test_")
+    spec = spec_from_file_location(name, ROOT / "book" / "extensions" / f"{name}.py")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="module")

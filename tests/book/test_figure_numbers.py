@@ -1,19 +1,12 @@
 """A chapter has its file's number; elsewhere figures and tables are counted page by page."""
 
-import importlib.util
-from pathlib import Path
 from types import SimpleNamespace
 
 from docutils import nodes
 from docutils.utils import new_document
 
-PATH = Path(__file__).parents[2] / "book" / "extensions" / "figure_numbers.py"
-SPEC = importlib.util.spec_from_file_location("figure_numbers", PATH)
-extension = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(extension)
 
-
-def test_pages_without_a_number_begin_with_figure_1():
+def test_pages_without_a_number_begin_with_figure_1(extension):
     numbers = {
         "index": {"figure": {"a": (1,)}},
         "chapter": {"figure": {"c": (3, 1), "d": (3, 2)}, "table": {}},
@@ -27,7 +20,7 @@ def test_pages_without_a_number_begin_with_figure_1():
     }
 
 
-def test_a_chapter_has_the_number_in_its_file_name():
+def test_a_chapter_has_the_number_in_its_file_name(extension):
     counted = {"notebooks/00_a": [1], "notebooks/09_b": [1, 2], "page": [3]}
     env = SimpleNamespace(
         toc_secnumbers={page: {"": tuple(n), "#x": None} for page, n in counted.items()},
@@ -44,7 +37,7 @@ def test_a_chapter_has_the_number_in_its_file_name():
         assert env.tocs[page][1].get("secnumber") is None
 
 
-def test_an_html_table_with_a_caption_is_counted():
+def test_an_html_table_with_a_caption_is_counted(extension):
     document = new_document("page")
     with_caption = (
         '<table class="table wide">\n<caption>It&#39;s seen.</caption>\n<tr></tr>\n</table>\n'

@@ -1,7 +1,6 @@
 """The pages on the library: every module on one of them, every argument of every command."""
 
 import argparse
-import importlib.util
 import re
 from pathlib import Path
 
@@ -15,16 +14,6 @@ from hadr.cli import COMMANDS, command_parser
 ROOT = Path(__file__).resolve().parents[2]
 BOOK = ROOT / "book"
 PAGES = sorted((BOOK / "library").glob("*.md"))
-
-
-@pytest.fixture(scope="module")
-def extension():
-    pytest.importorskip("sphinx", reason="needs the extra: pip install -e '.[book]'")
-    path = BOOK / "extensions" / "library_pages.py"
-    spec = importlib.util.spec_from_file_location("library_pages", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def modules_on(page):

@@ -1,12 +1,8 @@
 """A link's picture has the whole address of where the book is published, or there is none."""
 
-import importlib.util
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-
-PATH = Path(__file__).parents[2] / "book" / "extensions" / "page_head.py"
 
 
 @pytest.mark.parametrize(
@@ -31,10 +27,9 @@ PATH = Path(__file__).parents[2] / "book" / "extensions" / "page_head.py"
         ),
     ],
 )
-def test_a_links_picture_is_absolute_or_absent(monkeypatch, setting, environment, picture):
-    spec = importlib.util.spec_from_file_location("page_head", PATH)
-    extension = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(extension)
+def test_a_links_picture_is_absolute_or_absent(
+    extension, monkeypatch, setting, environment, picture
+):
     for name in ("HADR_BOOK_URL", "READTHEDOCS_CANONICAL_URL"):
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
