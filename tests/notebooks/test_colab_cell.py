@@ -29,17 +29,6 @@ def source():
     return first_cell(CHAPTERS[0]).source
 
 
-def test_every_chapter_begins_with_the_same_cell(source):
-    for path in CHAPTERS:
-        cell = first_cell(path)
-        assert cell.source == source, path.name
-        assert cell.metadata["tags"] == ["colab", "remove-cell"], path.name
-        tagged = [c for c in nbformat.read(path, 4).cells if "colab" in c.metadata.get("tags", [])]
-        assert len(tagged) == 1
-    assert source.startswith("# On Colab only: ")
-    assert max(len(line) for line in source.splitlines()) <= 120
-
-
 def test_elsewhere_it_does_nothing(source, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(subprocess, "run", lambda *a, **k: pytest.fail("it runs a program"))
