@@ -31,10 +31,6 @@ row, column = np.mgrid[:48, :64]
 mask = (abs(row - 24) < 14) & (abs(column - 32) < 9)
 wall = np.full((48, 64), 0.9)
 corrupt_glass(np.where(mask, 0.5, wall), wall, mask)"""
-DEAD = """import ipywidgets, matplotlib.pyplot as plt
-def draw(x):
-    plt.figure(figsize=(2, 2)); plt.plot([0, 1]); plt.show(); print("drawn", x)
-ipywidgets.interactive(draw, x=ipywidgets.FloatSlider(description="dead", value=5))"""
 CELL = ".jp-Notebook .jp-Cell .cm-content"
 HANDLE = ".jp-OutputArea .widget-slider [role=slider]"
 OUTPUT = ".jp-OutputArea .widget-output"
@@ -178,8 +174,7 @@ def figures_around_a_move(page, server, name, code, patience=180.0):
     """Run a notebook of one cell and move its first slider.
 
     Returns:
-        The figure before and after, and whether it changed before the widget printed something new,
-        or 20 seconds had passed.
+        The figure before and after.
     """
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(code)])
     notebook.metadata["kernelspec"] = {
@@ -199,9 +194,8 @@ def figures_around_a_move(page, server, name, code, patience=180.0):
     page.wait_for_function(open_now)
     page.evaluate("void window.jupyterapp.commands.execute('notebook:run-all-cells')")
     slider = page.locator(HANDLE).first
-    image, text = page.locator(f"{OUTPUT} img"), page.locator(OUTPUT)
-    first = image.first.get_attribute("src")
-    told, stood = text.first.inner_text(), slider.get_attribute("aria-valuenow")
+    first = page.locator(f"{OUTPUT} img").first.get_attribute("src")
+    stood = slider.get_attribute("aria-valuenow")
     slider.focus()
     # Versions of JupyterLab differ in whether they take the arrows for themselves.
     for key in ("ArrowRight", "End"):
@@ -215,24 +209,15 @@ def figures_around_a_move(page, server, name, code, patience=180.0):
     def redrawn():
         # While a figure is drawn anew there is none for a moment.
         now = page.evaluate(f"document.querySelector('{OUTPUT} img')?.src")
-        words = page.evaluate(f"document.querySelector('{OUTPUT}').innerText")
-        return now if now not in (None, first) or (now and words not in ("", told)) else None
+        return now if now != first else None
 
-    end = time.monotonic() + 20
-    while (second := redrawn()) is None and time.monotonic() < end:
-        page.wait_for_timeout(200)
+    second = check(redrawn, "the figure is another", 20, server.tail)
     # A changed notebook would ask before it is left.
     page.evaluate("window.jupyterapp.commands.execute('docmanager:save-all')")
     page.wait_for_function("!window.jupyterapp.shell.currentWidget.context.model.dirty")
-    return picture(first), picture(second or first), second not in (None, first)
+    return picture(first), picture(second)
 
 
 def test_moving_a_slider_changes_the_figure(tab, lab):
-    before, after, changed = figures_around_a_move(tab.page, lab, "glass.ipynb", GLASS)
-    assert changed
+    before, after = figures_around_a_move(tab.page, lab, "glass.ipynb", GLASS)
     assert before.shape != after.shape or (np.abs(before - after).max(axis=2) > 40).mean() > 0.002
-
-
-def test_a_figure_that_ignores_its_slider_is_noticed(tab, lab):
-    _, _, changed = figures_around_a_move(tab.page, lab, "dead.ipynb", DEAD)
-    assert not changed
