@@ -91,13 +91,6 @@ def test_all_files_are_written_and_agree(frame, capsys) -> None:
     assert "restored  400 of 400 pixels" in printed
 
 
-def test_output_reads_back_as_input(frame) -> None:
-    assert main(words(frame)) == 0
-    again = words(frame, depth=frame / "out" / "depth.png", out=frame / "again", method="inpaint")
-    assert main(again) == 0
-    np.testing.assert_allclose(np.load(frame / "again" / "depth.npy"), 0.8, atol=1e-3)
-
-
 def test_the_hand_is_written_and_reads_back(frame, capsys) -> None:
     arm = ~read_mask(frame / "mask.png")
     cv2.imwrite(str(frame / "arm.png"), arm.astype(np.uint8) * 255)
@@ -141,16 +134,6 @@ def test_what_mediapipe_lacks_is_one_sentence(
     (line,) = capsys.readouterr().err.splitlines()
     assert sentence in line
     assert not (frame / "out").exists()
-
-
-def test_depth_formats_give_the_same(frame) -> None:
-    metres = read_depth(frame / "depth.png")
-    np.save(frame / "metres.npy", metres)
-    np.save(frame / "units.npy", np.rint(metres * 10000).astype(np.uint16))
-    for name, scale in (("metres.npy", None), ("units.npy", 1e-4)):
-        line = words(frame, depth=frame / name, depth_scale=scale, out=frame / name[:4])
-        assert main(line) == 0
-        np.testing.assert_allclose(np.load(frame / name[:4] / "depth.npy"), 0.8, rtol=1e-6)
 
 
 def test_truth_prints_the_errors_of_both(frame, capsys) -> None:
@@ -217,34 +200,16 @@ def test_nothing_restored_is_exit_status_1_with_the_reasons(frame, capsys) -> No
     path = frame / "near.safetensors"
     size = {"width": 64, "height": 48, "learned_range": {"depth_m": [0.1, 0.2]}}
     save_checkpoint(path, HADR(preset("tiny").model), size)
-    assert main([*words(frame, hand=frame / "hand.json", checkpoint=path), "--quiet"]) == 1
-    told = capsys.readouterr().err
-    assert told.startswith("hadr restore: error: nothing could be restored: all 400 pixels")
+    assert main(words(frame, hand=frame / "hand.json", checkpoint=path)) == 1
+    told = capsys.readouterr()
+    assert told.err.startswith("hadr restore: error: nothing could be restored: all 400 pixels")
+    assert "method    HADR\n" in told.out
     report = json.loads((frame / "out" / "report.json").read_text())
     assert any(
         "100.0 % stay missing: their depth would lie outside of what" in n for n in report["notes"]
     )
-
-
-def test_hadr_through_the_command(frame, capsys) -> None:
-    import torch
-
-    from hadr.models.hadr import HADR
-    from hadr.training.checkpoints import save_checkpoint
-    from hadr.training.presets import preset
-
-    torch.manual_seed(0)
-    path = frame / "untrained.safetensors"
-    save_checkpoint(path, HADR(preset("tiny").model), {"width": 64, "height": 48})
-    assert main(words(frame, hand=frame / "hand.json", checkpoint=path)) == 0
-    report = json.loads((frame / "out" / "report.json").read_text())
-    assert report["method"] == "hadr"
-    assert report["versions"]["torch"] == torch.__version__
+    assert (report["method"], report["versions"]["torch"]) == ("hadr", torch.__version__)
     assert report["inputs"]["checkpoint"]["sha256"]
-    confidence = np.load(frame / "out" / "confidence.npy")[read_mask(frame / "mask.png")]
-    assert (confidence == 0).all()
-    assert report["confidence_means"] == "0, the method cannot say how sure it is"
-    assert "method    HADR\n" in capsys.readouterr().out
 
 
 def spoil(folder, case: str) -> dict[str, object]:
@@ -552,18 +517,9 @@ def test_errors_in_a_real_process_have_no_traceback(frame) -> None:
     assert not (frame / "out").exists()
 
 
-@pytest.mark.parametrize(
-    ("scene", "pixels", "rmse", "rel", "mae", "deltas"),
-    [
-        ("000000080", 55288, 0.060429, 0.099972, 0.050076, (29.9613, 51.9986, 97.7319)),
-        ("000000130", 11478, 0.030019, 0.035260, 0.022731, (71.7285, 96.6109, 100.0)),
-    ],
-)
-def test_a_real_frame_of_glass(
-    realdata, tmp_path, capsys, scene, pixels, rmse, rel, mae, deltas
-) -> None:
-    """The command on a real D435 frame at 1280x720, with the published errors of its raw depth."""
-    folder = realdata / "cleargrasp_d435"
+def test_a_real_frame_of_glass(realdata, tmp_path, capsys) -> None:
+    """The command on a real D435 frame at 1280x720."""
+    folder, scene = realdata / "cleargrasp_d435", "000000080"
     line = words(
         folder,
         rgb=folder / f"{scene}-transparent-rgb-img.jpg",
@@ -576,11 +532,8 @@ def test_a_real_frame_of_glass(
     assert main(line) == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     row = report["errors_in_mask"]["measured"]
-    assert row["pixels"] == pixels
-    found = [row[k] for k in ("rmse_m", "rel", "mae_m")]
-    np.testing.assert_allclose(found, (rmse, rel, mae), atol=5.1e-7)
-    found = [row[k] for k in ("delta_105", "delta_110", "delta_125")]
-    np.testing.assert_allclose(found, deltas, atol=5.1e-5)
+    assert row["pixels"] == 55288
+    assert row["rmse_m"] == pytest.approx(0.060429, abs=5.1e-7)  # that of its raw depth
     assert "the result is nearest valid depth, not HADR" in capsys.readouterr().out
 
     before = read_depth(folder / f"{scene}-transparent-depth-img.exr")
