@@ -11,7 +11,6 @@ from hadr.handover.stages import Stage, Transition
 from hadr.simulation.camera.sight import Fault, broken_sight, keypoint_uncertainty
 from hadr.simulation.trials.trial import (
     AFTER_TOUCH,
-    CONDITIONS,
     PLANNING_TIME,
     Outcome,
     Run,
@@ -138,15 +137,6 @@ def test_points_of_true_depth_are_right_but_for_the_outline(whole: Run) -> None:
     assert 0.8 < whole.outcome.points_right <= 1
 
 
-def test_the_log_of_an_attempt_replays(whole: Run) -> None:
-    again = replay(whole.log)
-    assert tuple(again.transitions) == whole.transitions
-    other = dict(whole.log.arrays)
-    other["keypoints"] = other["keypoints"] + np.float32(0.2)  # the hand 20 cm elsewhere
-    with pytest.raises(ValueError, match=r"differs|the log has"):
-        replay(replace(whole.log, arrays=other))
-
-
 STOPS: list[tuple[Fault, float, float, str]] = [
     # what breaks, when, after how long the robot may still move on it, what it says
     ("no hand", 2.0, 0.3, r"^no hand seen for 0\.3. s: no hand in the picture$"),
@@ -241,22 +231,6 @@ def test_a_short_fault_is_lived_through() -> None:
 def test_what_is_wrong_with_a_description_is_named(wrong: dict[str, object], says: str) -> None:
     with pytest.raises(ValueError, match=says):
         replace(BROKEN, **wrong)
-
-
-def test_descriptions_are_told_apart() -> None:
-    changed = [
-        replace(BROKEN, **{name: value})
-        for name, value in [
-            ("object_id", "0001"), ("hold_number", 923), ("seed", 1), ("hand_speed", 3.0),
-            ("extrinsics_error_deg", 3.0), ("time_limit", 5.0), ("restless", True),
-            ("picture_rate", 5.0), ("latency", 0.3),
-        ]
-    ] + [
-        replace(BROKEN, condition=name) for name in CONDITIONS if name != BROKEN.condition
-    ]  # fmt: skip
-    records = [repr(t.record) for t in [BROKEN, *changed]]
-    assert len(set(records)) == len(records)
-    assert BROKEN.name == "0004-922"
 
 
 def test_a_row_from_before_corrections_were_counted_is_read() -> None:
