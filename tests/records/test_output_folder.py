@@ -236,8 +236,17 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("folder", [".", "..", "book", "link/new", "results/", "results/new"])
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("command", "folder"),
+    [
+        ("book", "."),
+        ("book", "book"),
+        ("book --html-only", "results/"),
+        ("reproduce", "link/new"),
+        ("reproduce", "results/new"),
+        ("course", ".."),
+    ],
+)
 def test_commands_refuse_it_before_anything_is_touched(checkout, capsys, command, folder):
     before = content(checkout)
     assert main([command.split()[0], *COMMANDS[command], folder]) == 2
@@ -283,12 +292,10 @@ def make(checkout):
     return call
 
 
-@pytest.mark.parametrize(
-    "build", ["", " ", ".", "..", "results", "./results/", "link", "hadr/x", "mine", "{root}"]
-)
+@pytest.mark.parametrize("build", [" ", "results", "mine"])
 def test_make_clean_refuses_what_was_not_built(checkout, make, build):
     before = content(checkout)
-    done = make("clean", f"BUILD={build.format(root=checkout)}")
+    done = make("clean", f"BUILD={build}")
     assert done.returncode != 0
     words = ("can't take what is made", "was not made by hadr", "BUILD is empty: name a folder")
     assert any(word in done.stderr for word in words)
