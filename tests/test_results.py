@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -514,59 +515,85 @@ def test_the_handover_has_all_conditions_and_their_attempts_add_up() -> None:
         assert {tried for _, tried in row["by_motion"].values()} == {8}  # "each once an object"
 
 
-def test_readme_and_chapter_13_say_what_the_handover_file_says() -> None:
-    rows = handover_rows()
-    won = {name: row["successes"] for name, row in rows.items()}
-    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    assert (
-        f"succeeds in {won['perfect']} with perfect depth, in {won['hadr-plus']} with HADR-plus's, "
-        f"in {won['unet-hand']} with the U-Net's, in {won['hadr']} with HADR's, and in "
-        f"{won['raw']} with the sensor depth" in text
-    )
-    networks = won["hadr-plus-networks"]
-    assert f"find mask and keypoints, too, in {networks} with HADR-plus's" in text
-    assert (networks, won["perfect-networks"]) == (32, 33)
-    for name in ("unet-hand", "hadr-plus"):  # "within the intervals of HADR-plus and of the U-Net"
-        assert rows[name]["interval"][0] < 34 / 48 < rows[name]["interval"][1]
-    assert rows["hadr"]["interval"][1] < 34 / 48  # "not within HADR's"
-    assert won["perfect"] == max(won.values())  # "the ceiling"
-    assert won["perfect"] - won["hadr-plus"] == 3  # "three glasses fewer"
-    assert won["hadr-plus"] - won["raw"] == 12  # "twelve more"
-    assert won["hadr"] - won["raw"] == 1  # "one glass more"
-    assert (won["hadr-plus-no-tracking"], won["hadr-no-tracking"]) == (23, 20)
+def attempts_rows() -> dict[str, dict[str, Any]]:
+    """As chapter 13 takes them: of each condition the row with the most attempts."""
+    return {**handover_rows(), **{r["condition"]: r for r in read_result_file(SEEDS).rows}}
 
 
-def test_readme_and_chapter_13_say_what_five_seeds_say() -> None:
-    rows = {row["condition"]: row for row in read_result_file(SEEDS).rows}
-    assert {row["attempts"] for row in rows.values()} == {240}
-    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    rate = {name: f"{100 * row['rate']:.0f} %" for name, row in rows.items()}
+def page_text(path: str) -> str:
+    return " ".join((ROOT / path).read_text(encoding="utf-8").split())
+
+
+def percent(row: Mapping[str, Any]) -> str:
+    return f"{100 * row['rate']:.0f} %"
+
+
+CHAPTER_13 = "notebooks/text/13_handover_experiment.md"
+
+
+def test_readme_and_chapter_13_say_what_the_attempts_say() -> None:
+    of, first = attempts_rows(), handover_rows()
+    readme, chapter = page_text("README.md"), page_text(CHAPTER_13)
     assert (
-        f"it takes {rate['perfect']} with perfect depth, {rate['unet-hand']} with the U-Net's, "
-        f"{rate['hadr-plus']} with HADR-plus's, {rate['hadr']} with HADR's and {rate['raw']} with "
-        "the sensor's" in text
+        f"it succeeds in {percent(of['perfect'])} with perfect depth, "
+        f"{percent(of['unet-hand'])} with the U-Net's, {percent(of['hadr-plus'])} with "
+        f"HADR-plus's, {percent(of['hadr'])} with HADR's and {percent(of['raw'])} with the "
+        "sensor's" in readme
     )
-    assert (rate["hadr"], rate["raw"]) == ("55 %", "32 %")
-    assert rows["hadr"]["interval"][1] < 34 / 48  # "above HADR's interval"
+    counts = [of[name]["attempts"] for name in ("unet-hand", "hadr", "hadr-plus", "perfect", "raw")]
+    assert counts == [480, 480, 480, 480, 240]
+    assert (
+        f"with HADR it takes {percent(of['hadr'])} of the glasses, with the sensor's own depth "
+        f"{percent(of['raw'])}" in chapter
+    )
+    won = {name: row["successes"] for name, row in first.items()}
+    assert f"{won['hadr']} glasses against the sensor's {won['raw']}" in chapter
     for better, worse in (("hadr", "raw"), ("hadr-plus", "hadr"), ("unet-hand", "hadr"),
-                          ("perfect", "hadr-plus")):  # fmt: skip
-        ahead, behind, chance = paired(rows[better], rows[worse])
-        assert ahead > behind
-        assert chance < 0.05 / 2
-    for other in ("hadr-plus", "perfect"):  # "cannot be told from either"
-        assert paired(rows["unet-hand"], rows[other])[2] > 0.05
+                          ("perfect", "hadr-plus"), ("perfect", "unet-hand"),
+                          ("raw", "inpainted")):  # fmt: skip
+        ahead, behind, chance = paired(of[better], of[worse])
+        assert ahead > behind, (better, worse)
+        assert chance < (0.05 if better == "perfect" else 0.05 / 7), (better, worse)
+    assert paired(of["unet-hand"], of["hadr-plus"])[2] > 0.05  # "cannot be told"
+    low, high = of["hadr"]["interval"]
+    assert low < 0.57 < high < 0.71  # the paper's "57 to 82 % ... meets our rate for HADR"
+    assert of["raw"]["interval"][0] > 0.22  # "lies below ours"
+
+
+def test_chapter_13_says_what_stops_an_attempt() -> None:
+    of = attempts_rows()
+    for name in ("perfect", "hadr-plus", "hadr"):
+        won, tried = of[name]["incidents"]["never stopped"]
+        assert won / tried > of[name]["rate"] + 0.15
+    won, tried = of["perfect"]["incidents"]["never stopped"]
+    assert won / tried > 0.92  # "nearly all"
+    missed = [
+        of[name]["incidents"]["nothing was between the fingers"][1] for name in ("hadr", "perfect")
+    ]
+    assert missed[0] / missed[1] == pytest.approx(4, abs=0.5)  # "four times as often"
+    for name in ("unet-hand", "hadr", "hadr-plus"):  # "fewer right points, but not many fewer"
+        right = of[name]["points_right"]
+        assert 0.05 < right["success"] - right["failure"] < 0.15
+    right = of["raw"]["points_right"]
+    assert abs(right["success"] - right["failure"]) < 0.03  # "in a third of its points"
+    assert right["success"] == pytest.approx(1 / 3, abs=0.03)
 
 
 def test_chapter_13_says_how_hard_the_hand_is_touched() -> None:
-    rows = handover_rows()
-    touched = {name: row["failures"].get("human contact", 0) for name, row in rows.items()}
-    by_networks = {"hadr-plus-networks", "perfect-networks"}
-    most = max(touched.values())
-    assert {name for name, count in touched.items() if count == most} == by_networks
-    forces = {name: round(rows[name]["largest_force_n"], 1) for name in rows}
-    assert max(forces[name] for name in by_networks) == 5.6
-    assert (forces["inpainted"], forces["hadr"]) == (15.6, 13.8)
-    assert touched["inpainted"] == touched["hadr"] == 1
+    of, first = attempts_rows(), handover_rows()
+    kinds = [of[name] for name in ("unet-hand", "hadr", "hadr-plus", "perfect", "raw")]
+    for row in kinds:  # "in one to three attempts of a hundred"
+        assert 0.005 < row["failures"].get("human contact", 0) / row["attempts"] < 0.035
+        assert row["largest_force_n"] < 20  # "stays below our limit of 20 N"
+        assert max(row["largest_forces_n"].values()) < 20
+    through = max(
+        force for row in kinds for way, force in row["largest_forces_n"].items()
+        if way.startswith("through")
+    )  # fmt: skip
+    assert f"up to {through:.0f} N" in page_text(CHAPTER_13)
+    touched = {name: row["failures"].get("human contact", 0) for name, row in first.items()}
+    by_networks = touched["hadr-plus-networks"] + touched["perfect-networks"]
+    assert (by_networks, touched["hadr-plus"] + touched["perfect"]) == (6, 0)
     record = json.loads(
         (ROOT / "data_samples/checkpoints/hand-keypoints-handover.json").read_text("utf-8")
     )
@@ -574,27 +601,26 @@ def test_chapter_13_says_how_hard_the_hand_is_touched() -> None:
     assert round(1000 * keypoint_uncertainty(by_networks=True)) == 15
 
 
-def test_chapter_13_says_which_differences_could_be_chance() -> None:
-    rows = handover_rows()
+def test_chapter_13_says_what_the_parts_are_worth() -> None:
+    of = attempts_rows()
 
     def chance(one: str, other: str) -> float:
-        return paired(rows[one], rows[other])[2]
+        return paired(of[one], of[other])[2]
 
-    assert chance("hadr-plus", "raw") < 0.05 / 4  # "hardly chance"
-    assert chance("hadr-plus", "unet-hand") > 0.05  # "cannot be told"
-    assert chance("hadr-plus", "hadr-plus-no-tracking") < 0.05 / 3  # "hardly chance"
-    assert chance("hadr", "hadr-no-rescoring") > 0.05  # "about as many"
-    assert chance("hadr-plus", "hadr-plus-no-rescoring") > 0.05
-    left, stays = (
-        [
-            sum(rows[name]["by_motion"][kind][0] for kind in kinds)
-            for kinds in (("step-aside", "give-and-withdraw"), ("still",))
-        ]
-        for name in ("hadr-plus", "hadr-plus-no-tracking")
+    ahead, behind, doubt = paired(of["hadr-plus"], of["hadr-plus-no-tracking"])
+    assert ahead > behind
+    assert doubt < 0.05 / 6  # "helps, where the depth is good"
+    assert chance("hadr", "hadr-no-tracking") > 0.05
+    assert chance("hadr-plus", "hadr-plus-no-rescoring") > 0.05  # "can't be seen to"
+    for name in ("perfect", "hadr-plus"):  # "cannot show it"
+        assert chance(name, f"{name}-networks") > 0.05
+    follows, stays = (of[name]["by_motion"] for name in ("hadr-plus", "hadr-plus-no-tracking"))
+    for kind in ("step-aside", "give-and-withdraw"):  # "little is left without following"
+        assert stays[kind][0] / stays[kind][1] < 0.6 * follows[kind][0] / follows[kind][1]
+    ahead, behind, _ = paired(
+        handover_rows()["hadr-plus"], handover_rows()["hadr-plus-no-tracking"]
     )
-    assert (left[0], stays[0]) == (11, 4)  # "4 of 16 are left of 11"
-    assert stays[1] >= left[1]  # "as good"
-    assert rows["inpainted"]["successes"] < rows["raw"]["successes"]  # "worse than doing nothing"
+    assert (ahead, behind) == (12, 2)  # exercise 13.2
 
 
 def test_own_frames_says_how_many_calls_were_tried_to_be_broken() -> None:
@@ -697,23 +723,13 @@ def test_chapter_13_says_what_makes_it_worse() -> None:
     assert touched(plain) == 0
 
 
-def test_chapter_13_says_how_many_points_are_right() -> None:
-    rows = handover_rows()
-    shares = {
-        name: [round(100 * rows[name]["points_right"][end]) for end in ("success", "failure")]
-        for name in ("raw", "hadr", "hadr-plus", "perfect")
-    }
-    expected = {"raw": [34, 35], "hadr": [72, 52], "hadr-plus": [80, 79], "perfect": [96, 96]}
-    assert shares == expected
-
-
 def test_chapter_13_says_what_a_restless_hand_costs() -> None:
     rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
     restless = {row["condition"]: row for row in rows if row["restless"]}
     table = handover_rows()
     won = [(of["perfect"]["successes"], of["hadr"]["successes"]) for of in (table, restless)]
     assert won == [(36, 22), (25, 15)]
-    assert restless["hadr-no-tracking"]["successes"] == 14
+    assert paired(restless["hadr"], restless["hadr-no-tracking"])[2] > 0.05
     moving = [
         sum(of["perfect"]["by_motion"][kind][0] for kind in ("drift", "swing", "turn"))
         for of in (table, restless)
@@ -723,15 +739,6 @@ def test_chapter_13_says_what_a_restless_hand_costs() -> None:
     assert last > sum(restless["perfect"]["failures"].values()) / 2  # "most of the failures"
     touches = [n for n in restless["perfect"]["largest_forces_n"] if n.startswith("touch")]
     assert touches == ["touch, Stopped"]
-
-
-def test_chapter_13_says_how_far_the_depth_is_off() -> None:
-    file = read_result_file(RESULTS / "mini" / "handover_depth.json")
-    hadr, plus, unet = (file.row(condition=name) for name in ("hadr", "hadr-plus", "unet-hand"))
-    assert plus["median_error_m"] < hadr["median_error_m"] < 1.3 * plus["median_error_m"] < 0.01
-    assert plus["confidence_rank_correlation"] > -0.5  # "would have a correlation near -1"
-    assert not {"confidence_rank_correlation"} & {*hadr, *unet}  # "cannot say"
-    assert file.row(condition="perfect")["median_error_m"] == 0
 
 
 def test_the_first_pages_film_is_what_its_words_say() -> None:

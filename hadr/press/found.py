@@ -236,10 +236,9 @@ def _untested_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
 def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
     name, printed = "mini/handover.json", paper["handover"]
     file = read_result_file(results / name)
-    found = {row["condition"]: row for row in file.rows}
     worse = read_result_file(results / "mini/handover_worse.json").rows
     restless = {row["condition"]: row for row in worse if row["restless"]}
-    follows, stays = (restless[one]["successes"] for one in ("hadr", "hadr-no-tracking"))
+    follows, stays = (restless[one] for one in ("hadr", "hadr-no-tracking"))
     of_all = printed["attempts"]
     before, after = (printed[title][0] for title in ("GraspNet", "HADR + GraspNet"))
     pairs = {
@@ -254,36 +253,40 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
             "hadr", "hadr-no-rescoring"),
     }  # fmt: skip
     seeds = read_result_file(results / "mini/handover_seeds.json")
-    of_seeds = {row["condition"]: row for row in seeds.rows}
+    of = {row["condition"]: row for row in (*file.rows, *seeds.rows)}
+
+    def counts(one: str, other: str) -> tuple[int, int, int]:
+        shared = of[one]["verdicts"].keys() & of[other]["verdicts"].keys()
+        won = (sum(of[c]["verdicts"][n] == "success" for n in shared) for c in (one, other))
+        return *won, len(shared)
+
     for short, (words, place, one, other) in pairs.items():
-        of, source = (of_seeds, "mini/handover_seeds.json") if other == "raw" else (found, name)
-        won, lost = of[one], of[other]
-        ahead, behind, _ = paired(won, lost)  # of the same attempts
-        count = won["attempts"]
+        ahead, behind, _ = paired(of[one], of[other])
+        won, lost, count = counts(one, other)  # of the same attempts
         gap = (ahead - behind) / count
         doubt = math.sqrt(((ahead + behind) / count - gap**2) / count)
         label = {"raw": "with sensor depth", "hadr-no-tracking": "without following",
                  "hadr-no-rescoring": "without rescoring"}[other]  # fmt: skip
-        plus, less = of["hadr-plus"], of[other.replace("hadr-", "hadr-plus-")]
+        plus, less, both = counts("hadr-plus", other.replace("hadr-", "hadr-plus-"))
         remark = (
             "Simulated robot and hand, grasps of a sampler of our own. With HADR-plus "
-            f"{plus['successes']}, {label} {less['successes']}."
+            f"{plus} of {both}, {label} {less}."
         )
         if other == "hadr-no-tracking":
-            remark += f" Of hands that never rest {follows} of {count}, without following {stays}."
+            moving = f"{follows['successes']} of {follows['attempts']}"
+            remark += f" Of hands that never rest {moving}, without following {stays['successes']}."
         yield Claim(
-            short, words, place,
-            f"{won['successes']} of {won['attempts']} attempts, {label} {lost['successes']}",
-            verdict(gap, doubt), HANDOVER, source,
-            remark,
+            short, words, place, f"{won} of {count} attempts, {label} {lost}",
+            verdict(gap, doubt), HANDOVER,
+            "mini/handover_seeds.json" if other == "raw" else name, remark,
         )  # fmt: skip
     yield Claim(
         "the published rate of success",
         f"{printed['success_rate_percent']['HADR + GraspNet']:.1f} % of the attempts succeed, with "
         f"{printed['HADR + GraspNet'][1]} of {printed['objects']} objects more than half.",
         "IV-B, table III",
-        f"{100 * of_seeds['hadr']['rate']:.1f} %, {of_seeds['hadr']['objects_at_50_percent']} of "
-        f"{len(of_seeds['hadr']['rate_by_object'])} objects",
+        f"{100 * of['hadr']['rate']:.1f} %, {of['hadr']['objects_at_50_percent']} of "
+        f"{len(of['hadr']['rate_by_object'])} objects",
         UNTESTED, HANDOVER, "mini/handover_seeds.json", "No real robot was at hand.",
     )  # fmt: skip
 

@@ -108,7 +108,7 @@ PLANS = (
             (
                 Block(35, (11,), "following the hand", ("ex-11-1", "ex-11-2")),
                 Block(50, (12,), "the handover", ("ex-12-1", "ex-12-3")),
-                Block(35, (13,), "48 attempts, and how sure they make us", ("ex-13-1", "ex-13-2")),
+                Block(35, (13,), "Attempts, and how sure they make us", ("ex-13-1", "ex-13-2")),
             ),
         ),
     ),
