@@ -729,7 +729,10 @@ def test_chapter_13_says_what_a_restless_hand_costs() -> None:
     table = handover_rows()
     won = [(of["perfect"]["successes"], of["hadr"]["successes"]) for of in (table, restless)]
     assert won == [(36, 22), (25, 15)]
-    assert paired(restless["hadr"], restless["hadr-no-tracking"])[2] > 0.05
+    follows, stays = restless["hadr-plus"], restless["hadr-plus-no-tracking"]
+    assert (follows["successes"], stays["successes"]) == (23, 13)
+    ahead, behind, chance = paired(follows, stays)
+    assert (ahead, behind, f"{chance:.2f}") == (13, 3, "0.02")
     moving = [
         sum(of["perfect"]["by_motion"][kind][0] for kind in ("drift", "swing", "turn"))
         for of in (table, restless)
