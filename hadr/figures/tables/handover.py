@@ -177,7 +177,7 @@ def compared(rows: Sequence[Row], pairs: Sequence[tuple[str, str]]) -> str:
     lines = [
         [CONDITIONS[one], CONDITIONS[other]]
         + [str(len(of[one]["verdicts"].keys() & of[other]["verdicts"].keys())), str(won), str(lost)]
-        + ["< 0.001" if p < 0.001 else f"{p:.3f}" for p in (chance, fair)]
+        + ["<\N{NO-BREAK SPACE}0.001" if p < 0.001 else f"{p:.3f}" for p in (chance, fair)]
         for (one, other), (won, lost, chance), fair in zip(pairs, found, corrected, strict=True)
     ]
     head = ["A", "B", "attempts", "A alone", "B alone", "p", "p, corrected"]
