@@ -36,12 +36,11 @@ from hadr.records.result_file import read_result_file, write_result_file
 from hadr.simulation.film.film import captioned, film_frames, write_film
 from hadr.simulation.film.world_view import FilmSet, side_view
 from hadr.simulation.trials.experiment import (
-    condition_row,
     ending_of,
     finished_attempt,
-    pooled,
     read_row,
 )
+from hadr.simulation.trials.summary import condition_row, pooled
 from hadr.simulation.trials.trial import Trial
 
 

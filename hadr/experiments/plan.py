@@ -297,7 +297,8 @@ def handover_steps(plan: Attempts, out: Path, times: Mapping[str, float]) -> lis
 
 def make_handover_table(plan: Attempts, out: Path, jobs: int) -> None:
     """Make the attempts that are missing, `jobs` at a time, and write the table."""
-    from hadr.simulation.trials.experiment import condition_row, run_attempts
+    from hadr.simulation.trials.experiment import run_attempts
+    from hadr.simulation.trials.summary import condition_row
 
     rows = []
     for condition, trials in plan.items():

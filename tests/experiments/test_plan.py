@@ -18,7 +18,7 @@ from hadr.experiments.runner import Bench, Run
 from hadr.experiments.steps import Step
 from hadr.records.provenance import plain
 from hadr.records.result_file import digest, read_result_file, seal_row
-from hadr.simulation.trials import experiment
+from hadr.simulation.trials import experiment, summary
 from hadr.simulation.trials.trial import Trial
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
@@ -165,7 +165,7 @@ def test_the_table_has_a_row_a_condition(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(experiment, "run_attempts", attempted)
     monkeypatch.setattr(
-        experiment, "condition_row",
+        summary, "condition_row",
         lambda condition, names: {"condition": condition, "successes": 1, "attempts": len(names),
                             "mean_wall_seconds": 4.0},
     )  # fmt: skip

@@ -136,6 +136,7 @@ def run(options: Options) -> int:
     jobs = usable_cores() if options.jobs is None else options.jobs
     check_packages()
     from hadr.simulation.trials import experiment
+    from hadr.simulation.trials.summary import condition_row
     from hadr.simulation.trials.trial import CONDITIONS, Trial
 
     places = (path.resolve(), *path.resolve().parents)
@@ -185,7 +186,7 @@ def run(options: Options) -> int:
         rows = []
         for condition, trials in plan.items():
             outcomes = experiment.run_attempts(trials, out, jobs=jobs, report=_say)
-            rows.append(experiment.condition_row(condition, outcomes))
+            rows.append(condition_row(condition, outcomes))
             print(_sum_up(rows[-1]))
         write_result_file(path, _what(options), rows, {**provenance(), "machine": machine_text()})
         print(f"the rows: {path}")

@@ -1,0 +1,190 @@
+"""What attempts come to: a row of the result file for each condition, pooled over seeds."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import binomtest
+
+from hadr.handover.stages import Stage
+
+INCIDENTS: dict[str, str] = {
+    "human withdraws": "the hand withdrew",
+    "mm from the gripper's path": "the hand was in the way",
+    "out of reach": "the arm's reach ended",
+    "singular": "the arm's reach ended",
+    "protective stop": "the hand pushed the arm (protective stop)",
+    "does not fit": "the glass was too wide there",
+    "object dropped or lost": "nothing was between the fingers",
+}
+"""What a stop's reason says, and how that is called when attempts are summed up."""
+_LATE = 3.0
+
+
+def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
+    """The judge's word on each attempt, by name and seed; ValueError where one is twice."""
+    found: dict[str, str] = {}
+    for row in outcomes:
+        trial = row["trial"]
+        name = f"{trial['object_id']}-{trial['hold_number']}"
+        if trial["seed"]:
+            name += f"-{trial['seed']}"
+        if name in found:
+            raise ValueError(f"attempt {name} is there twice")
+        found[name] = row["verdict"]
+    return found
+
+
+def _stage(row: dict[str, Any]) -> str:
+    """The stage in which an attempt's time ran out."""
+    changes = row["transitions"]
+    return str(changes[-1][2]) if changes else Stage.WAIT_AND_OBSERVE.value
+
+
+def incidents(row: dict[str, Any]) -> set[str]:
+    """What happened in an attempt, by its row: words of `INCIDENTS`; "never stopped" with no stop.
+
+    A stop that none of them tells of is "stopped for another reason". Besides, "no grasp for 3 s"
+    where none was chosen in that time, and "went in again beside" where a finger met the object.
+    """
+    stops = [why for _, _, after, why in row["transitions"] if after == Stage.STOPPED.value]
+    found = {
+        next(
+            (name for part, name in INCIDENTS.items() if part in why), "stopped for another reason"
+        )
+        for why in stops
+    } or {"never stopped"}
+    if row["first_grasp_at"] is None or not row["first_grasp_at"] < _LATE:
+        found.add("no grasp for 3 s")
+    if row["corrections"]:
+        found.add("went in again beside")
+    return found
+
+
+def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Sum a condition's outcomes of `run_attempts` up as a row of the result file.
+
+    Returns:
+        Attempts, successes, their rate with Wilson's 95 % interval, how many objects reach 0.5, 0.8
+        and 1.0 as in the paper's table, successes and attempts by the hand's motion, failures by
+        kind, time-outs by the stage in which they came, for each of the `incidents` the successes
+        and attempts in which it happened, mean times in seconds, the smallest distance to the hand
+        in metres, the largest force on it in newtons, also by way and stage, the mean share of the
+        object's points that were right to 2 cm in successes and in failures, and each attempt's
+        verdict.
+
+    Raises:
+        ValueError: There is no outcome, or an attempt is there twice.
+    """
+    if not outcomes:
+        raise ValueError(f"no attempt of condition {condition!r} to sum up")
+    succeeded = [row for row in outcomes if row["verdict"] == "success"]
+    failed = [row for row in outcomes if row["verdict"] != "success"]
+    timed_out = [row for row in failed if row["verdict"] == "time-out"]
+    forces = sorted({name for row in outcomes for name in row["forces"]})
+
+    def mean(name: str, rows: Sequence[dict[str, Any]]) -> float:
+        values = [row[name] for row in rows if row.get(name) is not None]
+        return float(np.mean(values)) if values else float("nan")
+
+    def won_of(names: Callable[[dict[str, Any]], Iterable[str]]) -> dict[str, list[int]]:
+        tried = Counter(name for row in outcomes for name in names(row))
+        won = Counter(name for row in succeeded for name in names(row))
+        return {name: [won[name], tried[name]] for name in sorted(tried)}
+
+    return {
+        "condition": condition,
+        **_rates(verdicts(outcomes)),
+        "by_motion": won_of(lambda row: [row["motion"]]),
+        "failures": dict(sorted(Counter(row["verdict"] for row in failed).items())),
+        "time_out_in": dict(sorted(Counter(map(_stage, timed_out)).items())),
+        "incidents": won_of(incidents),
+        "mean_seconds": mean("decided_at", succeeded),
+        "mean_seconds_to_first_grasp": mean("first_grasp_at", outcomes),
+        "mean_planning_wall_seconds": mean("planning_wall_seconds", outcomes),
+        "mean_wall_seconds": mean("wall_seconds", outcomes),
+        "smallest_hand_distance_m": min(row["smallest_distance"] for row in outcomes),
+        "largest_force_n": max(row["largest_force"] for row in outcomes),
+        "largest_forces_n": {n: max(row["forces"].get(n, 0.0) for row in outcomes) for n in forces},
+        "points_right": {
+            "success": mean("points_right", succeeded),
+            "failure": mean("points_right", failed),
+        },
+        "verdicts": verdicts(outcomes),
+    }
+
+
+def pooled(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
+    """Give two rows of `condition_row`, of one condition and other attempts, as one.
+
+    Means are weighted by the attempts that are summed up (successes, where they are of these).
+    Incidents are of the rows that have them. ValueError for two conditions, or an attempt that both
+    have.
+    """
+    twice = sorted(first["verdicts"].keys() & second["verdicts"].keys())
+    if first["condition"] != second["condition"]:
+        raise ValueError(f"{first['condition']} and {second['condition']} can't be pooled")
+    if twice:
+        raise ValueError(f"two rows of {first['condition']} both have {', '.join(twice)}")
+    won, tried = (np.array([row[n] for row in (first, second)]) for n in ("successes", "attempts"))
+
+    def mean(values: Sequence[float | None], weights: npt.NDArray[np.int64]) -> float:
+        known = [k for k, value in enumerate(values) if value is not None and weights[k]]
+        if not known:
+            return float("nan")
+        return float(np.average([values[k] for k in known], weights=weights[known]))
+
+    def added(name: str) -> dict[str, Any]:
+        total: dict[str, Any] = {}
+        for row in (first, second):
+            for key, count in row.get(name, {}).items():
+                total[key] = (np.array(total.get(key, 0)) + np.array(count)).tolist()
+        return dict(sorted(total.items()))
+
+    both = {**first["verdicts"], **second["verdicts"]}
+    forces = sorted({**first["largest_forces_n"], **second["largest_forces_n"]})
+    out = {"condition": first["condition"], **_rates(both), "verdicts": both}
+    out |= {n: added(n) for n in ("by_motion", "failures", "time_out_in", "incidents")}
+    for name, value in first.items():
+        pair = (value, second[name])
+        if name == "mean_seconds":
+            out[name] = mean(pair, won)
+        elif name.startswith("mean_"):
+            out[name] = mean(pair, tried)
+    of = (first["points_right"], second["points_right"])
+    out["points_right"] = {
+        "success": mean([row["success"] for row in of], won),
+        "failure": mean([row["failure"] for row in of], tried - won),
+    }
+    out["smallest_hand_distance_m"] = min(
+        row["smallest_hand_distance_m"] for row in (first, second)
+    )
+    out["largest_force_n"] = max(row["largest_force_n"] for row in (first, second))
+    out["largest_forces_n"] = {
+        n: max(row["largest_forces_n"].get(n, 0.0) for row in (first, second)) for n in forces
+    }
+    return {name: out[name] for name in (*first, *out)}
+
+
+def _rates(ends: Mapping[str, str]) -> dict[str, Any]:
+    """What `verdicts` alone say."""
+    won = {name: verdict == "success" for name, verdict in ends.items()}
+    of_object: dict[str, list[bool]] = {}
+    for name in sorted(won):
+        of_object.setdefault(name.partition("-")[0], []).append(won[name])
+    rates = {name: float(np.mean(tries)) for name, tries in of_object.items()}
+    interval = binomtest(sum(won.values()), len(won)).proportion_ci(0.95, "wilson")
+    return {
+        "attempts": len(won),
+        "successes": sum(won.values()),
+        "rate": sum(won.values()) / len(won),
+        "interval": [float(interval.low), float(interval.high)],
+        "objects_at_50_percent": sum(rate > 0.5 for rate in rates.values()),
+        "objects_at_80_percent": sum(rate > 0.8 for rate in rates.values()),
+        "objects_at_100_percent": sum(rate >= 1.0 for rate in rates.values()),
+        "rate_by_object": rates,
+    }
