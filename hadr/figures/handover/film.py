@@ -34,23 +34,21 @@ def film_strip(
     names: Sequence[str] = (),
     view: View | None = None,
     width: float = 10.0,
-) -> tuple[Figure, str]:
+) -> Figure:
     """Draw stills of one run, at times in seconds, with time and stage below.
 
     States and changes of stage come oldest first. `names` say what happens in each still; the
-    figure is `width` inches wide and seen from `strip_view` where nothing else is told. With it
-    comes a text that says the same to who cannot see it.
+    figure is `width` inches wide and seen from `strip_view` where nothing else is told.
     """
     drawn = FilmSet(scene, view or strip_view())
     rows_px, columns_px = drawn.view.camera.shape
     rows = -(-len(times) // columns)
     height = rows * (width / columns * rows_px / columns_px + (0.50 if names else 0.34))
     fig: Figure = plt.figure(figsize=(width, height))
-    said = []
     for position, time in enumerate(times):
         ax = fig.add_subplot(rows, columns, position + 1)
         state = nearest_state(states, time)
-        stage, reason = stage_at(state.time, transitions)
+        stage, _ = stage_at(state.time, transitions)
         name = names[position] if names else stage.value
         ax.imshow(drawn.draw(state), interpolation="antialiased")
         ax.set(xticks=[], yticks=[])
@@ -60,12 +58,7 @@ def film_strip(
         label = textwrap.fill(f"{state.time:.1f} s  {name}", 36)
         label += f"\n{stage.value}" if names else ""
         ax.set_xlabel(label, fontsize=9.5, labelpad=5)
-        part = f"{state.time:.1f} s: {name}"
-        if stage is Stage.STOPPED and reason:
-            part += f" ({reason})"
-        said.append(part)
-    alt = f"{len(times)} stills of a handover of a {scene.item.name}: " + "; ".join(said) + "."
-    return fig, alt
+    return fig
 
 
 def decisive_state(states: Sequence[WorldState], row: dict[str, Any]) -> WorldState:
@@ -114,13 +107,9 @@ def show_run(states: Sequence[WorldState], transitions: Sequence[Transition]) ->
 def stage_bands(
     ax: Axes, transitions: Sequence[Transition], span: tuple[float, float], *, named: bool
 ) -> None:
-    """Tint the time of each stage; name it above where there is room, at the end else.
+    """Tint the time of each stage within a span of seconds, and perhaps write its name above.
 
-    Args:
-        ax: Axes over time.
-        transitions: The changes of stage.
-        span: First and last time, seconds.
-        named: Whether the names are written.
+    A name without room stands at the end.
     """
     edges = [span[0], *(change.time for change in transitions), span[1]]
     stages = [stage_at(span[0] - 1, transitions)[0], *(change.after for change in transitions)]
