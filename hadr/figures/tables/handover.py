@@ -38,6 +38,12 @@ CONDITIONS: dict[str, str] = {
     for source, (name, _, _) in _SOURCES.items()
 }
 """How a condition of the experiment is called, in the order of the pictures."""
+_STYLES = {
+    source + added: (COLORS[color], marker)
+    for added in _ADDED
+    for source, (_, color, marker) in _SOURCES.items()
+}
+"""A condition's colour and marker in all pictures of the experiment: its depth's."""
 SEEN = ("raw", "hadr", "hadr-plus", "perfect")
 """The kinds of depth that chapter 13 shows side by side, ..."""
 FILMED = ("raw", "unet-hand", "hadr", "hadr-plus", "perfect")
@@ -61,25 +67,18 @@ _KIND_STYLE = (
 )
 
 
-def _style(condition: str) -> tuple[str, str]:
-    """Colour and marker of a condition in all pictures of the experiment: its depth's."""
-    for source in sorted(_SOURCES, key=len, reverse=True):  # "hadr-plus" before "hadr"
-        if condition.startswith(source):
-            return COLORS[_SOURCES[source][1]], _SOURCES[source][2]
-    return COLORS["background"], "X"
-
-
 def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]) -> str:
     """List each condition's attempts in the paper's columns, and a success's mean time."""
+    rows = _ordered(rows)
     lines = []
-    for row in _ordered(rows):
-        low, high = row["interval"]
+    for row in rows:
+        rate, low, high = _rate(row)
         reached = (row[f"objects_at_{share}_percent"] for share in (50, 80, 100))
         lines.append([
-            str(CONDITIONS.get(row["condition"], row["condition"])),
+            CONDITIONS[row["condition"]],
             f"{row['successes']}/{row['attempts']}",
-            f"{100 * row['rate']:.1f}",
-            f"{100 * low:.0f}\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}{100 * high:.0f}",
+            f"{rate:.1f}",
+            f"{low:.0f}\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}{high:.0f}",
             *(f"{count}/{len(row['rate_by_object'])}" for count in reached),
             "-" if row["mean_seconds"] is None else f"{row['mean_seconds']:.1f}",
         ])  # fmt: skip
@@ -90,25 +89,22 @@ def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]
         lines.append([f"*paper: {name}*", f"{won}/48", f"{rate:.1f}", span, *counts, ""])
     shares = ("> 0.5", "> 0.8", "1.0")
     head = ["condition", "successes", "rate (%)", "95 % interval", *shares, "time (s)"]
-    own = [row["condition"] for row in _ordered(rows)]
-    best = [[place for place, name in enumerate(own) if not name.startswith("perfect")]]
-    return markdown(pd.DataFrame(lines, columns=head), best=best)
+    return markdown(pd.DataFrame(lines, columns=head), best=[_imperfect(rows)])
 
 
 def motions_table(rows: Sequence[Row]) -> str:
     """List each condition's successes in percent by the motion of the hand, the best in bold."""
     kinds, rows = list(rows[0]["by_motion"]), _ordered(rows)
     lines = [
-        [CONDITIONS.get(row["condition"], row["condition"])]
+        [CONDITIONS[row["condition"]]]
         + [
             f"{100 * won / tried:.0f} ({won}/{tried})"
             for won, tried in map(row["by_motion"].get, kinds)
         ]
         for row in rows
     ]
-    best = [n for n, row in enumerate(rows) if not row["condition"].startswith("perfect")]
     headings = ["condition", *(f"{kind} (successes)" for kind in kinds)]
-    table = markdown(pd.DataFrame(lines, columns=headings), best=[best])
+    table = markdown(pd.DataFrame(lines, columns=headings), best=[_imperfect(rows)])
     return table.replace(" (successes)", "")  # what is best is known by it; a page is narrow
 
 
@@ -200,8 +196,12 @@ def partings(rows: Sequence[Row], conditions: Sequence[str]) -> list[str]:
 
 
 def _ordered(rows: Sequence[Row]) -> list[Row]:
-    place = {condition: number for number, condition in enumerate(CONDITIONS)}
-    return sorted(rows, key=lambda row: place.get(row["condition"], len(place)))
+    return sorted(rows, key=lambda row: list(CONDITIONS).index(row["condition"]))
+
+
+def _imperfect(rows: Sequence[Row]) -> list[int]:
+    """Places of the rows that compete for the best: perfect depth doesn't."""
+    return [n for n, row in enumerate(rows) if not row["condition"].startswith("perfect")]
 
 
 def _rate(row: Row) -> tuple[float, float, float]:
@@ -220,8 +220,8 @@ def draw_success(ax: Axes, rows: Sequence[Row], *, published: Mapping[str, int])
     """Draw each condition's rate of success with its 95 % interval; the paper's, of 48, below."""
     chosen = _ordered(rows)
     rate, low, high = np.array([_rate(row) for row in chosen]).T
-    colors = [_style(row["condition"])[0] for row in chosen]
-    names = [CONDITIONS.get(str(row["condition"]), str(row["condition"])) for row in chosen]
+    colors = [_STYLES[row["condition"]][0] for row in chosen]
+    names = [CONDITIONS[row["condition"]] for row in chosen]
     pale = [to_rgba(color, 0.45) for color in colors]
     draw_bar_rows(ax, names, {"": rate}, [pale], edges=colors, height=0.55)
     spread = np.maximum([rate - low, high - rate], 0)
@@ -272,7 +272,7 @@ def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
         parts[kind] = 100 * np.array([row["failures"].get(kind, 0) for row in chosen]) / attempts
     styles = [("robot", ""), *(_KIND_STYLE[k % len(_KIND_STYLE)] for k in range(len(kinds)))]
     colors, hatches = [COLORS[color] for color, _ in styles], [hatch for _, hatch in styles]
-    names = [CONDITIONS.get(str(row["condition"]), str(row["condition"])) for row in chosen]
+    names = [CONDITIONS[row["condition"]] for row in chosen]
     draw_bar_rows(
         ax, names, parts, colors, text="{:.0f}", least=2.5, hatches=hatches, edges="white"
     )
@@ -297,11 +297,10 @@ def draw_degradation(ax: Axes, rows: Sequence[Row], key: str) -> None:
         x, rate, low, high = np.array(points).T
         # beside each other, so that intervals don't cover each other
         aside = gap * (number - (len(conditions) - 1) / 2)
-        color, marker = _style(condition)
+        color, marker = _STYLES[condition]
         ax.errorbar(
             x + aside, rate, yerr=[np.maximum(rate - low, 0), np.maximum(high - rate, 0)],
-            color=color, marker=marker, ms=6, capsize=3, lw=1.6,
-            label=CONDITIONS.get(condition, condition),
+            color=color, marker=marker, ms=6, capsize=3, lw=1.6, label=CONDITIONS[condition],
         )  # fmt: skip
     ax.axvline(standard, color=COLORS["raw"], lw=0.8, ls=":")
     ax.set(xlabel=xlabel, ylabel="successful handovers (%)", ylim=(0, 103), xticks=values)

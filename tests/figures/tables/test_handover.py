@@ -16,20 +16,22 @@ from hadr.figures.tables.handover import (
     touches_table,
 )
 
-ROW = {
-    "condition": "hadr",
-    "attempts": 48,
-    "successes": 30,
-    "rate": 0.625,
-    "interval": [0.484, 0.748],
-    "objects_at_50_percent": 3,
-    "objects_at_80_percent": 2,
-    "objects_at_100_percent": 1,
-    "rate_by_object": dict.fromkeys("0145", 0.75),
-    "failures": {"drop": 10, "time-out": 8},
-    "mean_seconds": 7.25,
-}
-NEVER = {**ROW, "condition": "raw", "successes": 0, "rate": 0.0, "mean_seconds": None}
+
+def row(
+    condition: str, successes: int, low: float, high: float, **more: object
+) -> dict[str, object]:
+    return {
+        "condition": condition,
+        "attempts": 48,
+        "successes": successes,
+        "rate": successes / 48,
+        "interval": [low, high],
+        "failures": {"drop": 40 - successes, "timeout": 8},
+        **more,
+    }
+
+
+ROWS = [row("perfect", 40, 0.70, 0.92), row("hadr", 36, 0.61, 0.85), row("raw", 12, 0.15, 0.39)]
 
 
 def cells(line):
@@ -40,22 +42,19 @@ def cells(line):
 
 
 def test_each_condition_has_its_numbers_and_the_paper_stands_below():
-    lines = conditions_table([ROW, NEVER], {"GraspNet": [5, 0, 0, 0]}).splitlines()
+    more = {f"objects_at_{share}_percent": n for share, n in ((50, 3), (80, 2), (100, 1))}
+    more |= {"rate_by_object": dict.fromkeys("0145", 0.75)}
+    own = row("hadr", 30, 0.484, 0.748, mean_seconds=7.25, **more)
+    never = row("raw", 0, 0.484, 0.748, mean_seconds=None, **more)
+    lines = conditions_table([own, never], {"GraspNet": [5, 0, 0, 0]}).splitlines()
     assert cells(lines[3]) == [
         "HADR", "**30/48**", "**62.5**", "48 to 75", "3/4", "2/4", "1/4", "7.2",
     ]  # fmt: skip
     assert cells(lines[2])[:3] == ["sensor depth", "0/48", "0.0"]
     assert cells(lines[2])[7] == "-"
     assert cells(lines[4]) == [
-        "*paper: GraspNet*",
-        "5/48",
-        "10.4",
-        "5 to 22",
-        "0/8",
-        "0/8",
-        "0/8",
-        "",
-    ]
+        "*paper: GraspNet*", "5/48", "10.4", "5 to 22", "0/8", "0/8", "0/8", "",
+    ]  # fmt: skip
 
 
 def test_what_happened_stands_beside_what_became_of_it():
@@ -112,23 +111,6 @@ def test_the_attempts_shown_are_the_first_of_each_way_to_differ_the_commonest_fi
         for name, column in won.items()
     ]
     assert partings(rows, ("a", "b")) == ["0002-900", "0001-900"]
-
-
-def row(
-    condition: str, successes: int, low: float, high: float, **more: object
-) -> dict[str, object]:
-    return {
-        "condition": condition,
-        "attempts": 48,
-        "successes": successes,
-        "rate": successes / 48,
-        "interval": [low, high],
-        "failures": {"drop": 40 - successes, "timeout": 8},
-        **more,
-    }
-
-
-ROWS = [row("perfect", 40, 0.70, 0.92), row("hadr", 36, 0.61, 0.85), row("raw", 12, 0.15, 0.39)]
 
 
 def test_bars_are_as_long_as_the_rates_and_stand_in_order(ax) -> None:
