@@ -59,8 +59,8 @@ def draw_sensor_comparison(columns: Mapping[str, Mapping[str, Any]]) -> Figure:
 
 def _values(each: Any, key: str) -> npt.NDArray[np.float64]:
     rows = each.values() if isinstance(each, Mapping) else each
-    values = np.array([np.nan if row.get(key) is None else row[key] for row in rows], dtype=float)
-    return np.asarray(values[np.isfinite(values)], dtype=float)
+    values = np.array([row.get(key) for row in rows], dtype=float)  # None becomes NaN
+    return np.asarray(values[np.isfinite(values)])
 
 
 def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:

@@ -19,8 +19,7 @@ def draw_reliability(
     """Draw the share of right pixels over each bin's mean confidence; a dot's size is its count."""
     number = np.asarray(count, dtype=float)
     filled = number > 0
-    x = np.array([np.nan if v is None else v for v in said])[filled]
-    y = np.array([np.nan if v is None else v for v in true])[filled]
+    x, y = np.array([said, true], dtype=float)[:, filled]  # None becomes NaN
     share = number[filled] / number.sum()
     ax.plot([0, 1], [0, 1], color=COLORS["truth"], lw=1, ls="--", label="honest")
     ax.vlines(x, x, y, color=COLORS["raw"], lw=1.2)
