@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from hadr.camera import project, transform_points
 from hadr.figures.solids.camera_orbit import (
@@ -25,12 +26,9 @@ TURNS = [0.0, 60.0, 90.0]
 
 
 def box(low, high):
-    """A closed box; flat normals are of no interest here."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
-    faces += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
-    low, high = np.array(low), np.array(high)
-    return Surface(low + corners * (high - low), np.array(faces), corners - 0.5)
+    """A closed box; its normals are of no interest here."""
+    made = trimesh.creation.box(bounds=[low, high])
+    return Surface(made.vertices, made.faces, made.vertex_normals)
 
 
 @pytest.fixture(scope="module")
