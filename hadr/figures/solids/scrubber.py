@@ -15,12 +15,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import cv2
 import matplotlib.pyplot as plt
-import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox, BboxBase
 from mpl_toolkits.mplot3d import Axes3D
+from PIL import Image
 
 _CONTROLS = 44  # CSS pixels below the picture
 
@@ -160,10 +159,10 @@ def turning(figure: Figure, *, title: str, alt: str, turns: int = 12) -> Page:
 def _encoded(figure: Figure, box: BboxBase | None) -> tuple[str, tuple[int, int]]:
     """A figure as base64 of a WebP picture, and its width and height in pixels; closes it."""
     drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", facecolor="white", bbox_inches=box)
+    figure.savefig(
+        drawn, format="webp", facecolor="white", bbox_inches=box, pil_kwargs={"quality": 70}
+    )
     plt.close(figure)
-    raw = np.frombuffer(drawn.getvalue(), np.uint8)
-    pixels = np.asarray(cv2.imdecode(raw, cv2.IMREAD_COLOR))
-    _, small = cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, 70])
-    height, width = pixels.shape[:2]
-    return base64.b64encode(small.tobytes()).decode(), (width, height)
+    with Image.open(drawn) as picture:
+        size = picture.size
+    return base64.b64encode(drawn.getvalue()).decode(), size

@@ -70,13 +70,6 @@ def test_frame_holds_the_page_and_asks_no_other_host(two, tmp_path):
     assert (tmp_path / "page.html").read_text(encoding="utf-8") == two.page
 
 
-def test_a_rate_makes_it_play():
-    page = scrubber(
-        painted, [Slider("row", ("a", "b"))], title="t", alt="a", frames_per_second=8
-    ).page
-    assert data_of(page)["milliseconds"] == 125
-
-
 def test_wrong_sliders_and_sizes_are_refused():
     with pytest.raises(ValueError, match="at least one slider"):
         scrubber(painted, [], title="t", alt="a")
@@ -101,7 +94,7 @@ def test_a_figure_with_3d_axes_is_turned_about_its_vertical():
     ax.set_axis_off()
     data = data_of(turning(figure, title="t", alt="a", turns=4).page)
     assert data["sliders"][0]["labels"] == ["0", "90", "180", "270"]
-    assert data["milliseconds"] > 0
+    assert data["milliseconds"] == 333  # three views a second
     columns, rows = [], []
     for place in range(4):
         picture = picture_at(data, place)
