@@ -31,6 +31,9 @@ _ADDED = {
     "-no-rescoring": ", no rescoring",
     "-no-tracking": ", no tracking",
     "-no-rescoring-no-tracking": ", without either",
+    "-no-rescoring-networks": ", no rescoring, all networks",
+    "-no-tracking-networks": ", no tracking, all networks",
+    "-no-rescoring-no-tracking-networks": ", without either, all networks",
 }
 CONDITIONS: dict[str, str] = {
     source + added: name + words

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from hadr.figures.tables.handover import (
+    CONDITIONS,
     WORSE,
     compared,
     conditions_table,
@@ -15,6 +16,7 @@ from hadr.figures.tables.handover import (
     partings,
     touches_table,
 )
+from hadr.simulation.trials import trial
 
 
 def row(
@@ -32,6 +34,10 @@ def row(
 
 
 ROWS = [row("perfect", 40, 0.70, 0.92), row("hadr", 36, 0.61, 0.85), row("raw", 12, 0.15, 0.39)]
+
+
+def test_every_condition_that_can_be_run_has_a_name():
+    assert set(CONDITIONS) == set(trial.CONDITIONS)
 
 
 def cells(line):
