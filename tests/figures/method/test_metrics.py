@@ -4,7 +4,6 @@ import pytest
 
 from hadr.figures.method.metrics import (
     averages_picture,
-    both_averages,
     draw_frame_dots,
     draw_scored_errors,
     draw_tolerances,
@@ -77,11 +76,6 @@ def test_a_dot_for_each_frame_and_a_bar_for_each_average(ax):
     assert [t.get_text() for t in ax.get_yticklabels()] == ["far", "near"]
     assert ax.get_xscale() == "log"
     assert ax.yaxis_inverted()
-
-
-def test_both_averages_of_the_chapters_example():
-    mean, pot = both_averages([100, 900], [0.03, 0.01])
-    assert (mean.mae_m, pot.mae_m) == pytest.approx((0.02, 0.012))
 
 
 def averages(size, error):
