@@ -39,14 +39,9 @@ def contact_sheet(
     rows = -(-len(pictures) // columns)
     high, wide = pictures[0].shape[:2]
     line = 0.2 if titles is not None else 0.0
-    cell = 9.0 / columns
+    size = (9.0, rows * (9.0 / columns * high / wide + line))
     fig: Figure
-    fig, axes = plt.subplots(
-        rows,
-        columns,
-        figsize=(9.0, rows * (cell * high / wide + line)),
-        squeeze=False,
-    )
+    fig, axes = plt.subplots(rows, columns, figsize=size, squeeze=False)
     fig.set_layout_engine("constrained", **TIGHT)
     for k, ax in enumerate(axes.flat):
         if k >= len(pictures):

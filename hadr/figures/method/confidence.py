@@ -27,13 +27,8 @@ def draw_reliability(
     ax.scatter(x, y, s=20 + 260 * share, color=COLORS["hadr"], zorder=3, edgecolors="white")
     gap = float((np.abs(x - y) * share).sum())
     ax.text(0.97, 0.05, f"mean gap {gap:.3f}", ha="right", transform=ax.transAxes)
-    ax.set(
-        xlim=(0, 1),
-        ylim=(0, 1),
-        aspect="equal",
-        xlabel="confidence",
-        ylabel="share within 2 cm",
-    )
+    ax.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
+    ax.set(xlabel="confidence", ylabel="share within 2 cm")
     ax.legend(loc="upper left")
 
 

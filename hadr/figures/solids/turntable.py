@@ -16,13 +16,7 @@ from scipy.spatial import cKDTree
 
 from hadr.figures.panels import FINGER_COLORS
 from hadr.figures.solids.scrubber import Page, filled_page
-from hadr.hand import (
-    SKELETON_NAMES,
-    SKELETON_PARENTS,
-    HandShape,
-    Skeleton,
-    forward_kinematics,
-)
+from hadr.hand import SKELETON_NAMES, SKELETON_PARENTS, HandShape, Skeleton, forward_kinematics
 from hadr.records.caches import kept
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.glass.shape import GlassObject

@@ -6,13 +6,7 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from hadr.figures.handover.scene import (
-    Carried,
-    HandFilm,
-    hand_skin,
-    moment_picture,
-    show_errors,
-)
+from hadr.figures.handover.scene import Carried, HandFilm, hand_skin, moment_picture, show_errors
 from hadr.hand import FINGERS, HandShape, forward_kinematics, keypoints_from_skeleton
 from hadr.simulation.trials.rehearsal import rehearsed_scene
 

@@ -1,11 +1,7 @@
 import numpy as np
 
 from hadr.confidence.calibration import reliability, sparsification
-from hadr.figures.method.confidence import (
-    draw_reliability,
-    draw_sparsification,
-    show_confidence,
-)
+from hadr.figures.method.confidence import draw_reliability, draw_sparsification, show_confidence
 
 
 def test_reliability_dots_stand_where_the_numbers_are_and_empty_bins_draw_nothing(ax) -> None:

@@ -5,12 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from hadr.figures.method.features import (
-    box_picture,
-    false_color,
-    influence_figure,
-    show_box,
-)
+from hadr.figures.method.features import box_picture, false_color, influence_figure, show_box
 
 PICTURE = np.zeros((32, 64, 3))
 
