@@ -72,11 +72,6 @@ class Source:
         known = self.places[place] & valid_depth(self.truth) & valid_depth(self.measured)
         return np.asarray((self.measured - self.truth)[known], dtype=float)
 
-    def known_share(self, place: str) -> float:
-        """Share of a place's pixels whose true depth is known; NaN without a pixel."""
-        known = valid_depth(self.truth)[self.places[place]]
-        return float(known.mean()) if known.size else float("nan")
-
 
 def error_kinds_picture(sources: Sequence[Source], place: str) -> Figure:
     """Draw sources side by side: what was measured, the errors' kinds at a place, their shares."""
@@ -129,7 +124,7 @@ def _draw_shares(ax: Axes, source: Source, place: str) -> None:
     ax.set(ylim=(0, 165), yticks=(0, 50, 100))  # the words stand above the bars
     ax.set_xticks(range(len(KINDS)), _SHORT, fontsize=8.5)
     ax.tick_params(axis="x", length=0)
-    errors, unknown = source.errors_m(place), 1 - source.known_share(place)
+    errors, unknown = source.errors_m(place), np.mean(source.kinds[source.places[place]] < 0)
     lines = ["nothing measured"]
     if errors.size:
         middle, typical = 100 * np.median(errors), 100 * np.median(np.abs(errors))

@@ -21,7 +21,6 @@ def test_shares_errors_and_what_is_unknown(source):
     np.testing.assert_allclose(source.shares("in the glass"), [0.5, 0, 0, 0, 0.5, 0])
     np.testing.assert_allclose(source.errors_m("in the glass"), 0.1, atol=1e-6)
     assert source.errors_m("in the glass").size == 5 * 12
-    assert source.known_share("in the glass") == pytest.approx(10 / 12)
     np.testing.assert_allclose(source.shares("elsewhere"), [0, 0, 1, 0, 0, 0])
     np.testing.assert_allclose(source.errors_m("elsewhere"), 0.001, atol=1e-6)
 
