@@ -6,6 +6,7 @@
 #                       its own, which `make clean` removes whole
 #   OLDEST=DIR          the environment of `make test-oldest` (default: .venv-oldest)
 #   WORKERS=2           processes that run tests at the same time
+#   JOBS=1              trainings, attempts or chapters of `make reproduce` at the same time
 #   PIP_FLAGS=...       more options for pip, such as another index for PyTorch's wheels
 
 PYTHON    ?= python3
@@ -16,6 +17,7 @@ PIP_FLAGS ?=
 PRESET    ?= tiny
 SEED      ?= 0
 WORKERS   ?= 2
+JOBS      ?= 1
 # At preset tiny beside the book, whose chapters are then not executed a second time.
 OUT       ?= $(BUILD)$(if $(filter tiny,$(PRESET)),,/$(PRESET))
 
@@ -52,7 +54,8 @@ tables: $(READY) ## train and compare all systems at PRESET (mini and paper: DAT
 	    $(if $(DATA),--data $(DATA))
 
 reproduce: $(READY) ## tables, handover and chapters at PRESET; prints the plan first and goes on where it was stopped
-	@$(BIN)/hadr reproduce --preset $(PRESET) --out "$(OUT)" $(if $(DATA),--data $(DATA))
+	@$(BIN)/hadr reproduce --preset $(PRESET) --out "$(OUT)" \
+	    --jobs $(JOBS) $(if $(DATA),--data $(DATA))
 
 html: $(READY) ## rebuild the HTML book from the notebooks executed last time
 	@$(PY) -m hadr.cli book --build "$(BUILD)" --html-only
@@ -60,7 +63,7 @@ html: $(READY) ## rebuild the HTML book from the notebooks executed last time
 test: $(READY) ## run the tests, without those that take minutes; prints the ten slowest
 	@$(PYTEST) $(PYTEST_FLAGS)
 
-test-long: $(READY) ## run the tests that take minutes: every page at every width and theme, all chapters from the wheel
+test-long: $(READY) ## run the tests that take minutes: every page at every width and theme, three chapters from the wheel
 	@$(PYTEST) -m long $(PYTEST_FLAGS)
 
 test-all: test test-long break ## run every test, and try to break all commands
