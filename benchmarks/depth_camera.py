@@ -23,6 +23,7 @@ from hadr.camera import Intrinsics, valid_depth
 from hadr.camera_file import load_intrinsics
 from hadr.corruption import ANALYTIC, corrupt
 from hadr.frame_io import read_depth, read_mask
+from hadr.handover.poses import camera_at
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_sealed
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
@@ -33,7 +34,6 @@ from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.contents import Contents, Scene, Surroundings
-from hadr.synthesis.scene.scene import look_at
 from hadr.synthesis.textures.families import texture_number
 
 Array = npt.NDArray[np.float64]
@@ -172,7 +172,7 @@ def table_scene(seed: int, camera: Intrinsics) -> Scene:
     distance, height = rng.uniform(0.62, 0.74), np.deg2rad(rng.uniform(37, 48))
     target = np.array([0.0, 0.06, 0.02])
     eye = target + distance * np.array([0.0, -np.cos(height), np.sin(height)])
-    pose = look_at(eye, target, 0.0)
+    pose = camera_at(eye, target)
     contents = Contents(_boxes(rng), tuple(glass), surroundings=around)
     return Scene(contents, camera, pose)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hadr.handover.poses import between, pose_distance, toward
+from hadr.handover.poses import between, camera_at, pose_distance, toward
 
 
 def test_pose_distance_by_hand() -> None:
@@ -13,6 +13,11 @@ def test_pose_distance_by_hand() -> None:
     distance, angle = pose_distance(first, second)
     assert distance == pytest.approx(0.05)
     assert angle == pytest.approx(np.pi / 2)
+
+
+def test_a_camera_looks_at_its_point_upright() -> None:
+    pose = camera_at(np.array([1.0, 0, 0]), np.zeros(3))
+    np.testing.assert_allclose(pose[:3, 1:3].T, [[0, 0, -1], [-1, 0, 0]], atol=1e-12)
 
 
 def test_a_pose_between_two() -> None:

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from hadr.camera import TRANSHAND_CAMERA, Intrinsics, pixel_grid, transform_points
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
+from hadr.handover.poses import camera_at
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.hand.mesh import SKIN_TONES, HandMesh, hand_mesh
 from hadr.synthesis.hand.signed_distance import FOREARM_LENGTH
@@ -49,21 +50,6 @@ class HoldScene(Scene):
     keypoints: Array
     world_from_object: Array
     hold: Hold
-
-
-def look_at(eye: Array, target: Array, roll: float) -> Array:
-    """Pose ``world_from_camera`` of an OpenCV camera at ``eye`` that looks at a target, (4, 4).
-
-    World frame, metres; ``roll`` is about the optical axis, radians; 0 keeps the world's z up.
-    """
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose = np.eye(4)
-    pose[:3, :3] = rotation @ Rotation.from_euler("z", roll).as_matrix()
-    pose[:3, 3] = eye
-    return pose
 
 
 def _place_hold(hold: Hold, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -130,7 +116,8 @@ def _choose_camera(held: _Held, camera: Intrinsics, rng: np.random.Generator) ->
         eye = held.middle + distance * np.array(offset)
         target = held.middle + rng.normal(size=3) * 0.045 * distance
         roll = np.deg2rad(float(np.clip(rng.normal() * 19, -42, 42)))
-        pose = look_at(eye, target, roll)
+        pose = camera_at(eye, target)
+        pose[:3, :3] = pose[:3, :3].copy() @ Rotation.from_euler("z", roll).as_matrix()
         # No forearm that passes close by the camera.
         arm = held.elbow - held.wrist
         along = max(float((eye - held.wrist) @ arm), 0.0) / float(np.linalg.norm(arm)) ** 2

@@ -9,7 +9,7 @@ from hadr.synthesis.hand.signed_distance import FOREARM_LENGTH
 from hadr.synthesis.recordings.recording import find_recordings, read_recording
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.contents import Contents
-from hadr.synthesis.scene.scene import look_at, make_scene
+from hadr.synthesis.scene.scene import make_scene
 from hadr.synthesis.scene.surroundings import make_surroundings
 
 RECORDINGS = Path(__file__).resolve().parents[3] / "data_samples" / "recordings"
@@ -101,11 +101,3 @@ def test_a_users_photographs_stand_around(tmp_path):
     (tmp_path / "b.png").unlink()
     with pytest.raises(ValueError, match=r"can't read the photograph .*[bc]\.png"):
         make_surroundings(np.array([0.6, 0, 0.3]), np.zeros(3), -0.1, rng, (tmp_path / "c.png",))
-
-
-def test_look_at_turns_the_picture_by_its_roll():
-    eye = np.array([1.0, 0, 0])
-    np.testing.assert_allclose(look_at(eye, np.zeros(3), 0.0)[:3, 1], [0, 0, -1], atol=1e-12)
-    rolled = look_at(eye, np.zeros(3), np.pi / 2)
-    np.testing.assert_allclose(rolled[:3, 2], [-1, 0, 0])
-    np.testing.assert_allclose(rolled[:3, 0], [0, 0, -1], atol=1e-12)
