@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
@@ -54,19 +53,11 @@ def settings_record(settings: GenerationSettings) -> dict[str, Any]:
 def whole_frames(
     root: Path, recipes: Sequence[FrameRecipe], settings: GenerationSettings
 ) -> set[int]:
-    """Indices of the frames that lie in a folder with all their files; lists each folder once.
+    """Indices of the frames that lie in a folder with all their files.
 
     A ``ValueError`` names a file that was damaged since: nobody but its owner can say whether the
     frame may be made again.
     """
-    listed: dict[Path, frozenset[str]] = {}
-
-    def present(path: Path) -> bool:
-        if path.parent not in listed:
-            with contextlib.suppress(FileNotFoundError):
-                listed[path.parent] = frozenset(os.listdir(path.parent))
-        return path.name in listed.setdefault(path.parent, frozenset())
-
     found = set()
     for recipe in recipes:
         base = frame_log_path(root, recipe.split, recipe.object_id, recipe.stem).parents[1]
@@ -80,9 +71,10 @@ def whole_frames(
             del places["raw"]
         if settings.normals == "none":
             del places["normals"]
-        if all(present(base / place) for place in places.values()):
-            for place in places.values():
-                _check_undamaged(base / place)
+        paths = [base / place for place in places.values()]
+        if all(path.is_file() for path in paths):
+            for path in paths:
+                _check_undamaged(path)
             found.add(recipe.index)
     return found
 
@@ -114,14 +106,17 @@ def recorded_settings(root: Path) -> dict[str, Any]:
 
 
 def _check_settings(root: Path, record: dict[str, Any]) -> None:
-    if not (root / SETTINGS_FILE).is_file() and any((root / split).exists() for split in SPLITS):
+    path = root / SETTINGS_FILE
+    if not path.is_file() and any((root / split).exists() for split in SPLITS):
         raise ValueError(
             f"{root} holds frames, but no {SETTINGS_FILE} that says how they were made; "
             "choose another folder"
         )
     before = recorded_settings(root)
-    if not before:
-        _check_settings_file(root / SETTINGS_FILE)
+    if not before:  # the file may be replaced, if this command wrote it
+        check_file(path)
+        if path.exists() and "hadr" not in structured(read_json(path), dict[str, Any], path):
+            raise ValueError(f"{path} is not replaced: no earlier run of this command wrote it")
         return
     if differing := [
         f"{name} is {before.get(name)!r} there, {record.get(name)!r} here"
@@ -132,13 +127,6 @@ def _check_settings(root: Path, record: dict[str, Any]) -> None:
             f"the frames in {root} are made with other settings: {'; '.join(differing)}. "
             "Go on with the same settings, or choose another folder"
         )
-
-
-def _check_settings_file(path: Path) -> None:
-    """Refuse to replace settings of no frames that this command did not write."""
-    check_file(path)
-    if path.exists() and "hadr" not in structured(read_json(path), dict[str, Any], path):
-        raise ValueError(f"{path} is not replaced: no earlier run of this command wrote it")
 
 
 def _clean(root: Path) -> None:
