@@ -1,6 +1,6 @@
 """Infrared pictures of a scene under a dot projector: what a stereo camera's imagers receive.
 
-Light follows the laws of `hadr.synthesis.rendering.optics` in both directions. An imager's rays are
+Light follows the laws of `hadr.synthesis.rendering.refraction` both ways. An imager's rays are
 split and bent at every glass surface until they end on something opaque. The projector's beams are
 followed the same way, so that dots fall through the glass onto what stands behind it, displaced and
 blurred. Glass itself scatters nothing: there are no dots on it, only mirror images.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
-from hadr.synthesis.rendering.optics import GLASS_INDEX
+from hadr.synthesis.rendering.refraction import GLASS_INDEX
 from hadr.synthesis.scene.contents import Scene, Surroundings
 from hadr.synthesis.textures.families import pyramid
 

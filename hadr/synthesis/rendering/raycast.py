@@ -80,7 +80,8 @@ class Hits(Rows):
         return np.asarray((1 - u - v) * a + u * b + v * c)
 
 
-def _unit(vectors: Array, least: float) -> Array:
+def unit(vectors: Array, least: float = 1e-12) -> Array:
+    """Vectors (N, 3) scaled to length 1; those shorter than ``least`` stay short."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), least))
 
 
@@ -205,9 +206,9 @@ class RayCaster:
             if not len(rows):
                 continue
             some = hits.take(rows)
-            smooth[rows] = _unit(some.mixed(surface.normals, surface.faces), 1e-12)
+            smooth[rows] = unit(some.mixed(surface.normals, surface.faces))
             a, b, c = (surface.vertices[surface.faces[some.face, i]] for i in range(3))
-            flat[rows] = _unit(np.cross(b - a, c - a), 1e-20)
+            flat[rows] = unit(np.cross(b - a, c - a), 1e-20)
         return smooth, flat
 
     def labels(self, camera: Intrinsics, world_from_camera: Array) -> Labels:

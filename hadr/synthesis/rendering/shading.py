@@ -21,6 +21,7 @@ from hadr.synthesis.rendering.raycast import (
     Hits,
     RayCaster,
     rays_through,
+    unit,
 )
 from hadr.synthesis.rendering.refraction import BOUNCES, Beams, cross
 from hadr.synthesis.scene.contents import Surroundings
@@ -31,10 +32,6 @@ Array = npt.NDArray[np.float64]
 
 #: Light from all sides, linear RGB, where there is no environment.
 _AMBIENT = np.full(3, 0.5)
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def texture_color(around: Surroundings, hits: Hits, footprint: Array) -> Array:
@@ -55,7 +52,7 @@ def _skin(
     wrap = np.array([0.42, 0.22, 0.16])
     facing = (normal * key).sum(1)
     color = albedo * (sky + light * np.maximum((facing[:, None] + wrap) / (1 + wrap), 0.0))
-    shine = np.maximum((normal * _unit(key - d)).sum(1), 0.0)
+    shine = np.maximum((normal * unit(key - d)).sum(1), 0.0)
     sharp = np.where(gloss[:, 0] > 0.6, 70.0, 18.0)
     rim = (1 - np.clip(-(normal * d).sum(1), 0, 1)) ** 4
     spark = gloss[:, 0] * 0.5 * shine**sharp * np.maximum(facing, 0)
@@ -90,7 +87,7 @@ class RayTracer(RayCaster):
         if not self.contents.lamps:
             return np.broadcast_to([0.0, 0.0, 1.0], points.shape), np.ones_like(points)
         lamp = self.contents.lamps[0]
-        toward = _unit(lamp.center - points)
+        toward = unit(lamp.center - points)
         return toward, lamp.irradiance(points, toward) / np.pi
 
     def _shade(
@@ -135,7 +132,7 @@ class RayTracer(RayCaster):
         """One jittered shadow ray per point toward the key light: 1 lit, 0 in shadow."""
         lit = np.ones(len(points))
         rows = np.flatnonzero(wanted)
-        d = _unit(key[rows] + 0.05 * rng.normal(size=(len(rows), 3)))
+        d = unit(key[rows] + 0.05 * rng.normal(size=(len(rows), 3)))
         hits = self._trace(self._solid, points[rows], d)
         blocked = self._kinds[hits.mesh] == HAND
         lit[rows] = np.where(blocked & (hits.distance < 0.9), 0.0, 1.0)
@@ -145,7 +142,7 @@ class RayTracer(RayCaster):
         """Share of the half space over a point that is free of the hand, from three rays."""
         free = np.zeros(len(points))
         for _ in range(3):
-            d = _unit(_unit(rng.normal(size=points.shape)) + 1.02 * normal)
+            d = unit(unit(rng.normal(size=points.shape)) + 1.02 * normal)
             hits = self._trace(self._solid, points, d)
             blocked = (self._kinds[hits.mesh] == HAND) & (hits.distance < 0.12)
             free += ~blocked

@@ -260,13 +260,10 @@ def test_the_denoiser_takes_noise_away_and_keeps_an_edge():
     assert clean[:, 65].mean() > 0.72
 
 
-def test_the_guide_looks_through_glass(grey):
+def test_the_guide_looks_through_glass(grey, pane):
     """Behind a pane the guide has the wall's reflectance, dimmed by what two surfaces mirror."""
-    mesh = trimesh.creation.box(bounds=[[-3, -3, 0.5], [3, 3, 0.52]])
-    mesh.unmerge_vertices()
-    pane = Surface(mesh.vertices, np.asarray(mesh.faces), np.asarray(mesh.vertex_normals))
     around = wall(grey, 2.0, -9, 9, -9, 9)
-    contents = Contents(None, (pane,), (1.0, 1.0, 1.0), around, environment=light_of(1.0))
+    contents = Contents(None, (pane(0.5, 0.52),), (1.0,) * 3, around, environment=light_of(1.0))
     _, albedo, _ = photo.trace(scene_of(contents), seed=1, samples=1)
     assert albedo[18, 32].mean() == pytest.approx(0.96**2 * (188 / 255) ** 2.2, rel=0.02)
 

@@ -3,8 +3,6 @@ import pytest
 import trimesh
 
 from hadr.camera import Intrinsics, ray_directions
-from hadr.synthesis.generation.frames import build_scene
-from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.contents import Contents
@@ -37,19 +35,6 @@ def test_depth_of_a_glass_sphere_is_exact_and_what_is_behind_it_is_kept(plane):
     point = exact[..., None] * d / d[..., 2:]
     normal = (point - center) / radius
     np.testing.assert_allclose(labels.normals[clear], normal[clear], atol=2e-3)
-
-
-def test_a_moved_camera_sees_the_plane_where_it_is(plane):
-    pose = np.eye(4)
-    pose[:3, 3] = (0.3, -0.2, -0.5)
-    scene = RayTracer(Contents(None, (), surroundings=plane([0, 0, 1.0], 1.0)))
-    np.testing.assert_allclose(scene.labels(CAMERA, pose).depth, 1.5, atol=5e-5)
-
-
-@pytest.fixture(scope="module")
-def scene():
-    settings = GenerationSettings(width=160, height=90, quality="fast")
-    return build_scene(settings.recipe(0), settings)
 
 
 def test_masks_are_disjoint_and_both_are_seen(scene):
@@ -147,14 +132,3 @@ def test_a_pixel_is_what_its_centre_sees(plane):
             labels.object_mask, np.broadcast_to(np.arange(128) >= first, (80, 128))
         )
         np.testing.assert_allclose(labels.background_depth, 2.0, rtol=1e-7)
-
-
-def test_normals_on_the_glass_agree_with_the_slope_of_its_depth(scene):
-    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
-    z = labels.depth.astype(float)
-    points = z[..., None] * ray_directions(scene.camera) / ray_directions(scene.camera)[..., 2:]
-    across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
-    slope = np.cross(down, across)
-    slope /= np.linalg.norm(slope, axis=-1, keepdims=True)
-    agreement = np.abs((slope * labels.normals).sum(-1))[labels.object_mask]
-    assert np.median(agreement) > 0.99

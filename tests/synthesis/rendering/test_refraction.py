@@ -1,20 +1,38 @@
 import numpy as np
 import pytest
-import trimesh
 
-from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.raycast import GLASS, SURROUNDINGS, RayCaster
-from hadr.synthesis.rendering.refraction import follow, ray_path
+from hadr.synthesis.rendering.refraction import GLASS_INDEX, follow, ray_path, reflect, refract
 from hadr.synthesis.scene.contents import Contents
 
 MIRRORED = ((1.5 - 1) / (1.5 + 1)) ** 2  # Fresnel at normal incidence: 4 %
 
 
-def pane(near: float, far: float) -> Surface:
-    mesh = trimesh.creation.box(bounds=[[-2, -2, near], [2, 2, far]])
-    mesh.unmerge_vertices()
-    normals = np.repeat(np.asarray(mesh.face_normals), 3, axis=0)
-    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), normals)
+def test_snell_and_fresnel_by_hand():
+    angle = np.deg2rad(40.0)
+    direction = np.array([[np.sin(angle), 0, np.cos(angle)]])
+    normal = np.array([[0, 0, -1.0]])
+    bent, share = refract(direction, normal, np.array([1 / 1.5]))
+    assert bent[0, 0] == pytest.approx(np.sin(angle) / 1.5)
+    straight, normal_share = refract(np.array([[0, 0, 1.0]]), normal, np.array([1 / 1.5]))
+    np.testing.assert_allclose(straight, [[0, 0, 1.0]])
+    assert normal_share[0] == pytest.approx(0.04)  # ((1.5 - 1) / (1.5 + 1))^2
+    # s: -sin(i - t)/sin(i + t), p: tan(i - t)/tan(i + t)
+    out = np.arcsin(np.sin(angle) / 1.5)
+    s = np.sin(angle - out) / np.sin(angle + out)
+    p = np.tan(angle - out) / np.tan(angle + out)
+    assert share[0] == pytest.approx((s**2 + p**2) / 2)
+
+
+def test_total_reflection_begins_at_the_critical_angle():
+    critical = np.arcsin(1 / GLASS_INDEX)
+    for angle, total in ((critical - 0.01, False), (critical + 0.01, True)):
+        direction = np.array([[np.sin(angle), 0, np.cos(angle)]])
+        _, share = refract(direction, np.array([[0, 0, -1.0]]), np.array([GLASS_INDEX]))
+        assert bool(share[0] == 1.0) == total
+    np.testing.assert_allclose(
+        reflect(np.array([[0.6, 0, 0.8]]), np.array([[0, 0, -1.0]])), [[0.6, 0, -0.8]]
+    )
 
 
 def straight(x: float = 0.0) -> np.ndarray:
@@ -28,7 +46,7 @@ def caster(plane):
     return lambda *glass: RayCaster(Contents(None, glass, (1.0,), plane([0, 0, 1], 2.0)))
 
 
-def test_a_pane_lets_through_what_it_does_not_mirror(caster):
+def test_a_pane_lets_through_what_it_does_not_mirror(caster, pane):
     ends, mirrored = follow(caster(pane(0.5, 0.6)), np.zeros((1, 3)), straight())
     on_wall, weight = ends.hits.mesh >= 0, ends.beams.weight[:, 0]
     assert weight[on_wall].max() == pytest.approx((1 - MIRRORED) ** 2, abs=1e-3)
@@ -41,7 +59,7 @@ def test_a_pane_lets_through_what_it_does_not_mirror(caster):
 
 
 @pytest.mark.parametrize("x", [0.0, 0.3, 0.8])
-def test_a_pane_moves_a_ray_aside_by_snells_law(caster, x):
+def test_a_pane_moves_a_ray_aside_by_snells_law(caster, pane, x):
     thickness = 0.1
     d = straight(x)
     ends, _ = follow(caster(pane(0.5, 0.5 + thickness)), np.zeros((1, 3)), d)
@@ -53,7 +71,7 @@ def test_a_pane_moves_a_ray_aside_by_snells_law(caster, x):
     assert np.hypot(*point[:2]) == pytest.approx(exact, abs=1e-5)
 
 
-def test_overlapping_panes_are_one(caster):
+def test_overlapping_panes_are_one(caster, pane):
     rays = np.zeros((1, 3)), straight(0.3)
     one, _ = follow(caster(pane(0.5, 0.6)), *rays)
     two, _ = follow(caster(pane(0.5, 0.57), pane(0.54, 0.6)), *rays)
@@ -76,7 +94,7 @@ def test_an_empty_scene_has_no_surface():
     assert np.isinf(hits.distance).all()
 
 
-def test_total_reflection_keeps_the_light_inside(caster):
+def test_total_reflection_keeps_the_light_inside(caster, pane):
     """From inside the pane at 60 degrees to the normal, beyond the critical 41.8 degrees."""
     within = caster(pane(0.5, 0.6))
     d = np.array([[np.sin(np.pi / 3), 0.01, np.cos(np.pi / 3)]])
@@ -88,7 +106,7 @@ def test_total_reflection_keeps_the_light_inside(caster):
     assert not len(ends.crossed)
 
 
-def test_the_path_through_a_pane_by_hand(caster):
+def test_the_path_through_a_pane_by_hand(caster, pane):
     """At 30 degrees: in at 0.5 m, bent to asin(sin 30 / 1.5), out at 0.52 m as it came."""
     scene = caster(pane(0.5, 0.52))
     sine, cosine = np.sin(np.pi / 6), np.cos(np.pi / 6)
