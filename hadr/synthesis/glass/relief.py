@@ -14,6 +14,11 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+#: Radius over which the edges between facets are rounded, metres.
+_ROUNDING = 0.0005
+#: How far a mark stands out, and half of its width at the foot, metres.
+_MARK_HEIGHT, _MARK_HALF_WIDTH = 0.0004, 0.0009
+
 
 @dataclass(frozen=True)
 class Relief:
@@ -42,21 +47,19 @@ def _rise(x: Array) -> Array:
     return np.asarray(t * t * (3 - 2 * t))
 
 
-def facets(
-    count: int, apothem: float, slope: float, top: float, rounding: float = 0.0005
-) -> Relief:
+def facets(count: int, apothem: float, slope: float, top: float) -> Relief:
     """So many planes ground into the outside; lengths in metres.
 
     They stand ``apothem`` from the axis at the table and ``slope`` more per metre of height, and
-    fade out over the last fifth of the way to ``top``. Edges are rounded over ``rounding``.
+    fade out over the last fifth of the way to ``top``.
     """
 
     def shift(angle: Array, z: Array, radius: Array) -> Array:
         step = 2 * np.pi / count
         within = np.mod(angle + step / 2, step) - step / 2
         plane = (apothem + slope * np.maximum(z, 0.0)) / np.cos(within)
-        near = np.maximum(rounding - np.abs(plane - radius), 0.0)
-        cut = np.minimum(plane - radius, 0.0) - near**2 / (4 * rounding)
+        near = np.maximum(_ROUNDING - np.abs(plane - radius), 0.0)
+        cut = np.minimum(plane - radius, 0.0) - near**2 / (4 * _ROUNDING)
         return np.asarray(cut * _rise(5.0 * (1.0 - z / top)))
 
     return Relief((0.0, top, 0.0012), shift)
@@ -95,17 +98,11 @@ def spout(reach: float, half_angle: float, low: float, high: float) -> Relief:
     return Relief((low, high + 0.01, 0.0015), shift, through=True)
 
 
-def marks(
-    heights: tuple[float, ...],
-    start: float,
-    long: float,
-    height: float = 0.0004,
-    half_width: float = 0.0009,
-) -> Relief:
+def marks(heights: tuple[float, ...], start: float, long: float) -> Relief:
     """Raised lines of a measuring glass at some heights, metres.
 
     Each begins at the angle ``start``; every second one takes the angle ``long``, radians, the
-    others half of it. They stand out by ``height``; ``half_width`` is at their foot.
+    others half of it.
     """
 
     def shift(angle: Array, z: Array, radius: Array) -> Array:
@@ -114,7 +111,8 @@ def marks(
         for number, level in enumerate(heights):
             reach = long if number % 2 else long / 2
             line = _rise(along / 0.06) * _rise((reach - along) / 0.06)
-            total = total + line * _bump((z - level) / half_width)
-        return np.asarray(height * total)
+            total = total + line * _bump((z - level) / _MARK_HALF_WIDTH)
+        return np.asarray(_MARK_HEIGHT * total)
 
-    return Relief((min(heights) - half_width, max(heights) + half_width, half_width / 2.5), shift)
+    low, high = min(heights) - _MARK_HALF_WIDTH, max(heights) + _MARK_HALF_WIDTH
+    return Relief((low, high, _MARK_HALF_WIDTH / 2.5), shift)

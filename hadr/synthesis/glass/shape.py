@@ -193,8 +193,6 @@ def relieved(item: GlassObject, angle: Array, rz: Array, *, back: bool = False) 
     (..., 2). Between the inner and the outer wall the shift fades out: the inside stays round.
     """
     r, z = rz[..., 0], rz[..., 1]
-    if not item.reliefs:
-        return np.asarray(r)
     heights, outside, inside = _walls(item)
     wide, narrow = np.interp(z, heights, outside), np.interp(z, heights, inside)
     sign = -1.0 if back else 1.0
