@@ -150,8 +150,6 @@ def frame_of(
 
 def render_frame(recipe: FrameRecipe, settings: GenerationSettings) -> Frame:
     """Make one frame with exact labels; the same for the same arguments."""
-    if settings.engine == "photo":
-        check_installed()
     return draw_frame(build_scene(recipe, settings), recipe, settings)
 
 

@@ -19,7 +19,6 @@ def call_in_child(
     *args: Any,
     timeout: float,
     environment: Mapping[str, str] | None = None,
-    **named: Any,
 ) -> Result:
     """Call a function in a Python process of its own, and give what it returns.
 
@@ -31,7 +30,6 @@ def call_in_child(
         *args: Its arguments.
         timeout: Seconds until the child is ended.
         environment: Variables that are other in the child.
-        **named: Its named arguments.
 
     Raises:
         ChildProcessError: The child died; the message names the signal, or what it said last.
@@ -48,7 +46,7 @@ def call_in_child(
     try:
         done = subprocess.run(
             [sys.executable, "-P", "-m", __name__],
-            input=pickle.dumps((function, args, named)),
+            input=pickle.dumps((function, args)),
             capture_output=True,
             timeout=timeout,
             check=False,
@@ -85,9 +83,9 @@ def _answer() -> None:
     """The child's side: what to call comes in by stdin, what comes of it leaves by stdout."""
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(2, 1)  # what a library prints is no answer
-        function, args, named = pickle.load(sys.stdin.buffer)
+        function, args = pickle.load(sys.stdin.buffer)
         try:
-            answer = True, function(*args, **named)
+            answer = True, function(*args)
         except Exception as error:
             answer = False, error
         pickle.dump(answer, out)
