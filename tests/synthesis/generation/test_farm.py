@@ -2,7 +2,6 @@
 
 import importlib.util
 import os
-import platform
 import subprocess
 import sys
 import time
@@ -11,7 +10,6 @@ import psutil
 import pytest
 
 from hadr.synthesis.generation.farm import check_workers, connected, one_thread, run_tasks
-from hadr.synthesis.rendering.mitsuba_variant import LLVM, SCALAR, check_variant, mitsuba_variant
 
 needs_dask = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None,
@@ -97,25 +95,6 @@ def test_a_script_without_a_guard_is_refused_in_one_sentence(tmp_path):
         done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
         assert done.returncode == status, done.stderr
         assert ("runs " + str(script) + " from its top" in done.stderr) == bool(status)
-
-
-@needs_dask
-def test_a_worker_finds_out_for_itself_what_it_can_draw_with():
-    pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
-    from distributed import LocalCluster
-
-    environment = {"DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so", "HADR_MITSUBA_VARIANT": ""}
-    with (
-        LocalCluster(
-            n_workers=1, threads_per_worker=1, dashboard_address=None, env=environment
-        ) as cluster,
-        connected(cluster.scheduler_address) as client,
-    ):
-        assert list(client.run(mitsuba_variant).values()) == [SCALAR]
-        assert list(run_tasks(check_variant, [SCALAR], client=client)) == [None]
-        message = f"can't be used on {platform.node()}: Dr.Jit finds no LLVM that it can use"
-        with pytest.raises(ValueError, match=message):
-            list(run_tasks(check_variant, [LLVM], client=client))
 
 
 def test_a_library_gets_back_the_threads_that_it_had():

@@ -51,17 +51,6 @@ def test_half_way_between_two_bones_is_half_the_turn_about_their_joint():
     np.testing.assert_allclose(moved[0], expected, atol=1e-7)
 
 
-def test_dual_quaternions_are_unit():
-    shape = HandShape()
-    rng = np.random.default_rng(3)
-    frames = bone_frames(
-        forward_kinematics(rng.uniform(ANGLE_LIMITS[:, 0], ANGLE_LIMITS[:, 1]), shape), "right"
-    )
-    q = dual_quaternions(frames)
-    np.testing.assert_allclose(np.linalg.norm(q[:, :4], axis=1), 1)
-    np.testing.assert_allclose((q[:, :4] * q[:, 4:]).sum(1), 0, atol=1e-12)
-
-
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_bends_are_the_stretch_angles(side):
     rng = np.random.default_rng(5)

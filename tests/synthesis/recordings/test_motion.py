@@ -67,5 +67,3 @@ def test_errors_of_making():
         record_hold(hold, seconds=0)
     with pytest.raises(ValueError, match="0001-stem-0000 is no good hold: no two fingers"):
         record_hold(replace(hold, angles=np.zeros(20)))
-    with pytest.raises(ValueError, match="no folder of recordings at nowhere"):
-        find_recordings("nowhere")

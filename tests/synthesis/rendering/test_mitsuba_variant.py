@@ -3,7 +3,6 @@
 import importlib.util
 import os
 import platform
-import re
 import subprocess
 import sys
 
@@ -119,22 +118,6 @@ def test_no_word_of_a_missing_library_reaches_the_terminal(unasked, monkeypatch)
     code = f"from hadr.synthesis.rendering.mitsuba_variant import mitsuba; mitsuba({SCALAR!r})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr == ""
-
-
-def test_the_library_of_this_machine_is_used_if_it_is_new_enough_and_draws(unasked):
-    pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
-    code = "import drjit; print(drjit.detail.llvm_version())"
-    line = [sys.executable, "-c", code]
-    told = subprocess.run(line, capture_output=True, text=True, check=True).stdout
-    major = int(re.search(r"-?\d+", told)[0])
-    why = chosen.why_not_llvm()
-    if major < 0:
-        assert why == "Dr.Jit finds no LLVM that it can use"
-    elif major < 17:
-        assert re.fullmatch(rf"LLVM {major}\.\d+\.\d+ is too old", why)
-    else:
-        assert why == "" or why.startswith("a small picture can't be drawn, ")
-    assert chosen.mitsuba_variant() == (SCALAR if why else LLVM)
 
 
 # The user's choice ---------------------------------------------------------------------------
