@@ -53,7 +53,7 @@ def posture_library(finger: str) -> Array:
 
 @dataclass(eq=False)
 class HandSkins:
-    """The five fingers of a hand as a right hand's, with their libraries and few chosen points."""
+    """The five fingers of a right hand, with their libraries and few chosen points."""
 
     shape: HandShape
     skins: dict[str, FingerSkin]
@@ -63,7 +63,7 @@ class HandSkins:
 
 
 def hand_skins(shape: HandShape) -> HandSkins:
-    """Prepare a hand for grasp optimisation."""
+    """Prepare a right hand for grasp optimisation."""
     skins = {finger: finger_skin(finger, shape) for finger in FINGERS}
     few = {}
     for finger, skin in skins.items():
@@ -73,8 +73,7 @@ def hand_skins(shape: HandShape) -> HandSkins:
         kept[np.flatnonzero(skin.pad)[::3]] = True
         kept[np.flatnonzero(skin.tip_pad)[::2]] = True
         few[finger] = np.flatnonzero(kept)
-    plain = replace(shape, side="right")
-    vertices, part = skin_vertices(forward_kinematics(_open_hand(), plain), plain)
+    vertices, part = skin_vertices(forward_kinematics(_open_hand(), shape), shape)
     palm = vertices[(part == 5) | ((part == 6) & (vertices[:, 1] > -0.20))]
     library = {finger: posture_library(finger) for finger in FINGERS}
     return HandSkins(shape, skins, few, library, palm.astype(np.float32))
@@ -102,18 +101,17 @@ def palm_clearance(hand: HandSkins, table: ClearanceTable, pose: Array) -> float
 
 
 def push_onto_palm(hand: HandSkins, table: ClearanceTable, placement: Placement) -> Placement:
-    """Slide the object toward the palm until it meets it."""
-    direction = np.array([0.0, 0.0, -1.0])
+    """Slide the object toward the palm, against the wrist's z axis, until it meets it."""
     pose = placement.wrist_from_object.copy()
-    start = pose[:3, 3].copy()
+    start = pose[2, 3]
     low, high = -0.10, 0.14
     for _ in range(13):
         middle = (low + high) / 2
-        pose[:3, 3] = start + middle * direction
+        pose[2, 3] = start - middle
         free = palm_clearance(hand, table, pose) > -0.0003
         low, high = (middle, high) if free else (low, middle)
-    pose[:3, 3] = start + low * direction
-    return Placement(pose, placement.plan, placement.palm_gap)
+    pose[2, 3] = start - low
+    return replace(placement, wrist_from_object=pose)
 
 
 def _through_handle(item: GlassObject, joints: Array) -> npt.NDArray[np.bool_]:
@@ -314,8 +312,8 @@ class GraspOptimisation:
 
     def _true_skin(self) -> Array:
         """The whole skin of the pose in the object's frame."""
-        plain = replace(self.hand.shape, side="right")
-        vertices, _ = skin_vertices(forward_kinematics(self._all_angles(), plain), plain)
+        shape = self.hand.shape
+        vertices, _ = skin_vertices(forward_kinematics(self._all_angles(), shape), shape)
         return vertices @ self.inverse[:3, :3].T + self.inverse[:3, 3]
 
     def _improve(
