@@ -1,14 +1,18 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from hadr.hand import ANGLE_LIMITS, FINGERS, HandShape, forward_kinematics
+from hadr.synthesis.hand import skinning
 from hadr.synthesis.hand.signed_distance import rest_angles
 from hadr.synthesis.hand.skinning import (
     bends,
     blend_motions,
     bone_frames,
     dual_quaternions,
+    posed_vertices,
     sized_template,
     skin_vertices,
 )
@@ -129,3 +133,17 @@ def test_girth_thickens_the_finger_and_length_lengthens_it():
         sizes.append((np.ptp(finger[:, 0]), finger[:, 1].max() - 0.090))
     assert abs(sizes[1][0] / sizes[0][0] - 1.1) < 0.01
     assert abs(sizes[1][1] / sizes[0][1] - 1.2) < 0.01
+
+
+@pytest.mark.parametrize(("joint", "least", "most"), [(1, 0.0015, 0.0025), (2, 0.0008, 0.0014)])
+def test_the_end_of_a_bone_lifts_the_skin_of_a_joint_that_bends(joint, least, most, monkeypatch):
+    """By two millimetres over a knuckle, one over the joint after it, at a right angle."""
+    angles = np.zeros(20)
+    angles[4 + joint] = np.pi / 2
+    bent = forward_kinematics(angles, HandShape())
+    lifted = posed_vertices(bent, HandShape(), COARSE_STEP)
+    template = hand_template(COARSE_STEP)
+    flat = replace(template, correctives=np.zeros_like(template.correctives))
+    monkeypatch.setattr(skinning, "hand_template", lambda step: flat)
+    gap = np.linalg.norm(lifted - posed_vertices(bent, HandShape(), COARSE_STEP), axis=1)
+    assert least < gap.max() < most
