@@ -89,13 +89,9 @@ def fit_calibration(
     The N pixels, from so many `frames`, are sorted by score and cut into `bins` of equal number;
     the bins' shares of small errors are made to rise by pooling neighbours (isotonic regression),
     and each pool becomes one knot at its mean score. Pooling needs no shape to be assumed, and few
-    knots do not follow the chance of single frames. ValueError for unusable numbers.
+    knots do not follow the chance of single frames.
     """
-    s, e = np.asarray(score, float).ravel(), np.abs(np.asarray(error_m, float)).ravel()
-    if s.size == 0 or s.shape != e.shape:
-        raise ValueError(f"need a score and an error for each pixel, got {s.size} and {e.size}")
-    if not (np.isfinite(s).all() and np.isfinite(e).all()) or s.min() < 0 or s.max() > 1:
-        raise ValueError(f"scores must be finite in 0..1, got {s.min():g} to {s.max():g}")
+    s, e = np.asarray(score, float), np.abs(np.asarray(error_m, float))
     order = np.argsort(s, kind="stable")
     s, right = s[order], (e[order] < TOLERANCE_M).astype(float)
     # Equal scores stay in one bin: a bin begins where its first score begins.
@@ -203,9 +199,13 @@ def fit_confidence(
     From the signal "candidates" and the error in metres of each restored pixel, (N,); ValueError
     where there is none, the shapes differ, or a value is not finite.
     """
-    values = np.asarray(spread_signal, np.float64)
-    if not values.size or not np.isfinite(values).all():
-        raise ValueError(f"a confidence needs finite signals, got {values.size} of them")
+    values, errors = np.asarray(spread_signal, np.float64), np.asarray(error_m, np.float64)
+    if not values.size or values.shape != errors.shape:
+        raise ValueError(
+            f"a confidence needs a signal and an error a pixel, got {values.size} and {errors.size}"
+        )
+    if not (np.isfinite(values).all() and np.isfinite(errors).all()):
+        raise ValueError("a confidence needs finite signals and errors")
     center, scale = float(values.mean()), max(float(values.std()), 1e-9)
     score = expit((values - center) / scale)
     return ConfidenceRule(
