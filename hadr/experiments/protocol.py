@@ -95,14 +95,7 @@ def _dealt_out(roots: Sequence[str | Path], part: Part) -> FrameSource:
 def data_digest(root: str | Path) -> str:
     """SHA-256 over the names and contents of all files of a data folder, in the names' order.
 
-    Args:
-        root: The folder; hidden files are left out.
-
-    Returns:
-        64 hexadecimal digits.
-
-    Raises:
-        FileNotFoundError: There is no such folder, or it is empty.
+    Hidden files are left out. FileNotFoundError where there is no such folder, or it is empty.
     """
     root = Path(root)
     found = hashlib.sha256()

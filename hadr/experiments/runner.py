@@ -16,8 +16,8 @@ import contextlib
 import json
 import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, field
+from functools import cache, cached_property
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -73,10 +73,11 @@ class Run:
         return f"{self.experiment}/{self.method}/seed-{self.seed}"
 
 
+@dataclass(eq=False)
 class Bench:
     """What all runs share: the data folders, the size of preset, the corruption, the output.
 
-    Args:
+    Attributes:
         roots: Data folders in TransHand's layout.
         out: Folder of the runs.
         size: Preset of all systems: "tiny", "mini" or "paper".
@@ -87,28 +88,20 @@ class Bench:
             code has made it.
     """
 
-    def __init__(
-        self,
-        roots: Sequence[str | Path],
-        out: str | Path,
-        size: str = "mini",
-        corruption: Corruption = "oracle",
-        limit: int | None = None,
-        accelerator: str = "cpu",
-        keep_trained: bool = False,
-    ) -> None:
-        self.roots = tuple(Path(root) for root in roots)
-        self.accelerator, self.keep_trained = accelerator, keep_trained
-        self.out, self.size, self.corruption, self.limit = Path(out), size, corruption, limit
-        self._frames: dict[Hashable, FrameTensors] = {}
-        self._digest: str | None = None
+    roots: Sequence[Path]
+    out: Path
+    size: str = "mini"
+    corruption: Corruption = "oracle"
+    limit: int | None = None
+    accelerator: str = "cpu"
+    keep_trained: bool = False
+    _frames: dict[Hashable, FrameTensors] = field(default_factory=dict, init=False)
 
-    @property
+    @cached_property
     def data(self) -> dict[str, Any]:
         """What the frames are, for the record: a digest of the folders, corruption, limit."""
-        if self._digest is None:
-            self._digest = digest([data_digest(root) for root in self.roots])
-        return {"sha256": self._digest, "corruption": self.corruption, "limit": self.limit}
+        content = digest([data_digest(root) for root in self.roots])
+        return {"sha256": content, "corruption": self.corruption, "limit": self.limit}
 
     def data_of(self, run: Run, recipe: Preset) -> dict[str, Any]:
         """What a run is trained on and by which code, for the record of its training."""
@@ -186,14 +179,7 @@ class Bench:
         return 0
 
     def measure(self, run: Run) -> dict[str, Any]:
-        """Train a run's system as far as it is not, score it, and keep the row.
-
-        Args:
-            run: What to measure.
-
-        Returns:
-            The row: names, the scores, training time, parameters, provenance.
-        """
+        """Train a run's system as far as it is not, score it, and keep the row, which it gives."""
         found = self.finished(run)
         if found is not None:
             return found
@@ -244,13 +230,7 @@ class Bench:
         return open_part(self.roots, experiment, "test").holds(stems)
 
     def train(self, run: Run, recipe: Preset, folder: Path) -> Trained:
-        """Train a network on a run's frames, with its seed, as far as it is not.
-
-        Args:
-            run: Which frames, and which seed.
-            recipe: What to train.
-            folder: Where the training is kept; one that is there goes on.
-        """
+        """Train on a run's frames, with its seed; a training that is in the folder goes on."""
         return train(
             recipe,
             self.frames(run, "train", recipe.size),

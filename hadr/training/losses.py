@@ -156,21 +156,11 @@ def hadr_losses(
     depth_over: DepthNorm = "xyz",
     ray_stride: int = 1,
 ) -> LossTerms:
-    """Compute the terms for a batch.
+    """Compute the terms for a batch of true z-depth (B, H, W), metres, 0 = unknown.
 
-    Rays without a candidate voxel, and rays whose true depth is not known, count in no term.
-
-    Args:
-        output: What the network gave.
-        true_depth: True z-depth in metres, shape (B, H, W); 0 = unknown.
-        intrinsics: fx, fy, cx, cy of each frame, shape (B, 4).
-        grid: The network's voxel grid.
-        depth_over: What the depth term runs over.
-        ray_stride: Step in rows and columns between the rays that were restored; the normals are
-            those of the cloud of every n-th pixel.
-
-    Returns:
-        The terms.
+    Rays without a candidate voxel, and rays whose true depth is not known, count in no term. The
+    intrinsics are fx, fy, cx, cy of each frame, (B, 4). Where only every n-th row and column was
+    restored (`ray_stride`), the normals are those of the cloud of these pixels.
     """
     rays = output.rays
     depth = true_depth[rays[:, 0], rays[:, 1], rays[:, 2]]  # (rays,)

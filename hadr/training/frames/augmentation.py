@@ -53,16 +53,11 @@ def other_camera(
     corner: tuple[float, float] = (0.0, 0.0),
     roll: float = 0.0,
 ) -> OtherCamera:
-    """Describe a camera that looks elsewhere; sizes are (width, height), intrinsics in pixels.
+    """Describe a camera that looks elsewhere than one of fx, fy, cx, cy; both of (width, height).
 
-    Args:
-        intrinsics: fx, fy, cx, cy of the old camera.
-        size: Of both pictures.
-        mirror: Swap left and right, at last.
-        zoom: How much larger everything becomes.
-        corner: Upper left corner of the part that stays, (column, row) from the picture's edge
-            in pixels, after the roll.
-        roll: Angle about the optical axis in radians, from x to y.
+    It rolls about the optical axis, radians from x to y; then everything becomes `zoom` times as
+    large, and the part stays whose upper left corner is (column, row), pixels from the picture's
+    edge; a mirror swaps left and right at last.
     """
     fx, fy, cx, cy = np.asarray(intrinsics, dtype=np.float64)
     sine, cosine = np.sin(roll), np.cos(roll)
