@@ -128,7 +128,7 @@ def load_frames(
     source = frames if isinstance(frames, FrameList) else list(frames)
     if len(source) == 0:
         raise ValueError("no frames: the folder is empty, or no frame shows an object")
-    store = _empty(len(source), size)
+    store = blank_frames(len(source), size)
 
     def load(number: int) -> str | None:
         frame: Frame = source[number]
@@ -204,8 +204,8 @@ def _one_frame(
     )
 
 
-def _empty(count: int, size: tuple[int, int]) -> FrameTensors:
-    """Room for so many frames."""
+def blank_frames(count: int, size: tuple[int, int]) -> FrameTensors:
+    """Room for so many frames of (width, height): zeros, colour as bytes, no names."""
     width, height = size
     image = (count, height, width)
     inputs = HADRInput(

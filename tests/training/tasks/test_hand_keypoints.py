@@ -9,8 +9,7 @@ from hadr.hand import FINGERS
 from hadr.models.blocks.resnet import UNetConfig
 from hadr.models.hand.keypoints import HandKeypointConfig
 from hadr.models.hand.weighted_regression import JointMaps, maps_of_joints
-from hadr.models.network_input import HADRInput
-from hadr.training.frames.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors, blank_frames
 from hadr.training.loop import chance
 from hadr.training.recipe import Preset
 from hadr.training.tasks.hand_keypoints import keypoint_losses, keypoint_scores
@@ -48,16 +47,17 @@ def four_hands() -> FrameTensors:
     keypoints = (
         keypoints + torch.tensor([0.06, 0.0, 0.02]) * near + near * torch.tensor([0, 0, 1.0])
     )
-    inputs = HADRInput(
-        color=torch.zeros(count, 3, height, width, dtype=torch.uint8),
-        depth=depth,
-        mask=held,
-        intrinsics=torch.tensor([[110.0, 110.0, 47.5, 31.5]]).repeat(count, 1),
-        keypoints=keypoints,
-        keypoints_uv=torch.zeros(count, 21, 2),
+    blank = blank_frames(count, (width, height))
+    camera = torch.tensor([[110.0, 110.0, 47.5, 31.5]]).repeat(count, 1)
+    inputs = replace(blank.inputs, depth=depth, mask=held, intrinsics=camera, keypoints=keypoints)
+    return replace(
+        blank,
+        inputs=inputs,
+        true_depth=depth,
+        hand_mask=hand,
+        object_mask=held,
+        true_keypoints=keypoints,
     )
-    stems = tuple(f"0000/{n}" for n in range(count))
-    return FrameTensors(inputs, depth, hand, held, keypoints, stems)
 
 
 def test_a_score_of_whole_frames_is_the_same_in_any_batches() -> None:

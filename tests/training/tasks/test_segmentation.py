@@ -1,14 +1,14 @@
 """The segmentation network's training: loss and scores by hand."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
 from hadr.models.blocks.resnet import UNetConfig
-from hadr.models.network_input import HADRInput
 from hadr.models.segmentation import SegmentationConfig
-from hadr.training.frames.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors, blank_frames
 from hadr.training.recipe import Preset
 from hadr.training.tasks.segmentation import iou, mask_losses
 from hadr.training.tasks.task import Task
@@ -36,17 +36,9 @@ def four_scenes() -> FrameTensors:
     color = 0.4 + 0.1 * torch.rand(4, 3, height, width, generator=generator)
     color[:, 0] += 0.3 * hand
     color += 0.1 * held[:, None]
-    zeros = torch.zeros(4, height, width)
-    inputs = HADRInput(
-        color=(color * 255).round().to(torch.uint8),
-        depth=zeros,
-        mask=held,
-        intrinsics=torch.ones(4, 4),
-        keypoints=torch.zeros(4, 21, 3),
-        keypoints_uv=torch.zeros(4, 21, 2),
-    )
-    stems = tuple(f"0000/{n}" for n in range(4))
-    return FrameTensors(inputs, zeros, hand, held, torch.zeros(4, 21, 3), stems)
+    blank = blank_frames(4, (width, height))
+    inputs = replace(blank.inputs, color=(color * 255).round().to(torch.uint8), mask=held)
+    return replace(blank, inputs=inputs, hand_mask=hand, object_mask=held)
 
 
 def test_iou_by_hand() -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -7,9 +8,8 @@ import torch
 from torch import Tensor
 
 from hadr.models.backbone import BackboneConfig
-from hadr.models.network_input import HADRInput
 from hadr.rivals.swindrnet import SwinDRNetConfig
-from hadr.training.frames.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors, blank_frames
 from hadr.training.recipe import Preset
 from hadr.training.tasks.images import image_terms
 from hadr.training.tasks.task import Task
@@ -29,17 +29,11 @@ MICRO = Preset(
 
 def batch(truth: Tensor, glass: Tensor) -> FrameTensors:
     count, height, width = truth.shape
-    inputs = HADRInput(
-        color=torch.zeros(count, 3, height, width),
-        depth=truth * ~glass,
-        mask=torch.zeros_like(glass),  # what is restored does not decide what is learned from
-        intrinsics=torch.tensor([[40.0, 40.0, 3.0, 3.0]]).repeat(count, 1),
-        keypoints=torch.zeros(count, 21, 3),
-        keypoints_uv=torch.zeros(count, 21, 2),
-    )
-    return FrameTensors(
-        inputs, truth, torch.zeros_like(glass), glass, torch.zeros(count, 21, 3), ("x",) * count
-    )
+    blank = blank_frames(count, (width, height))
+    # the mask stays empty: what is restored does not decide what is learned from
+    camera = torch.tensor([[40.0, 40.0, 3.0, 3.0]]).repeat(count, 1)
+    inputs = replace(blank.inputs, depth=truth * ~glass, intrinsics=camera)
+    return replace(blank, inputs=inputs, true_depth=truth, object_mask=glass)
 
 
 def losses(image: Tensor, initial: Tensor, truth: Tensor, glass: Tensor) -> dict[str, float]:

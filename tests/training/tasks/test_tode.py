@@ -7,9 +7,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from hadr.models.network_input import HADRInput
 from hadr.rivals.tode import TODEConfig
-from hadr.training.frames.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors, blank_frames
 from hadr.training.recipe import Preset
 from hadr.training.tasks.task import Task
 
@@ -41,16 +40,11 @@ def by_hand() -> tuple[Tensor, FrameTensors]:
     on_object = torch.zeros(2, 3, 4, dtype=torch.bool)
     on_object[0, :, :2] = True
     on_object[1, 0, 0] = True
-    inputs = HADRInput(
-        color=torch.zeros(2, 3, 3, 4),
-        depth=truth,
-        mask=torch.ones_like(on_object),  # the network was told another mask
-        intrinsics=torch.tensor([[40.0, 40.0, 1.5, 1.0]]).repeat(2, 1),
-        keypoints=torch.zeros(2, 21, 3),
-        keypoints_uv=torch.zeros(2, 21, 2),
-    )
-    nobody = torch.zeros_like(on_object)
-    return image, FrameTensors(inputs, truth, nobody, on_object, inputs.keypoints, ("a", "b"))
+    blank = blank_frames(2, (4, 3))
+    camera = torch.tensor([[40.0, 40.0, 1.5, 1.0]]).repeat(2, 1)
+    # the network was told another mask
+    inputs = replace(blank.inputs, depth=truth, mask=~blank.inputs.mask, intrinsics=camera)
+    return image, replace(blank, inputs=inputs, true_depth=truth, object_mask=on_object)
 
 
 def test_the_loss_by_hand() -> None:
