@@ -160,40 +160,42 @@ def test_no_bundled_glass_has_a_torn_mask(split: str) -> None:
     assert not any(torn(frame.object_mask) for frame in open_samples(split))
 
 
-def test_a_mask_of_which_pixels_were_taken_out_gets_no_probability() -> None:
+def test_a_mask_that_is_torn_or_three_pixels_wider_than_the_glass_gets_no_probability() -> None:
     frame = open_samples("val")[3]
     networks = Restorer("hadr-plus", samples_dir() / "checkpoints" / "hadr-plus-mini.safetensors")
-    mask = frame.object_mask & (np.random.default_rng(0).random(frame.object_mask.shape) >= 0.3)
-    answer = networks(frame.color, frame.raw_depth, frame.camera, mask, frame.keypoints)
-    assert answer.tolerance_m is None
-    assert any("the mask is torn: " in note for note in answer.notes)
-
-
-def test_a_mask_that_is_three_pixels_wider_than_the_glass_gets_no_probability() -> None:
-    frame = open_samples("val")[3]
-    networks = Restorer("hadr-plus", samples_dir() / "checkpoints" / "hadr-plus-mini.safetensors")
-    seen = frame.color, frame.raw_depth, frame.camera
-    assert networks(*seen, frame.object_mask, frame.keypoints).tolerance_m == 0.02
-    wide = ndimage.distance_transform_edt(~frame.object_mask) <= 3
-    answer = networks(*seen, wide, frame.keypoints)
-    assert answer.tolerance_m is None
-    assert any("the mask may not follow the glass: " in note for note in answer.notes)
+    seen, mask = (frame.color, frame.raw_depth, frame.camera), frame.object_mask
+    assert networks(*seen, mask, frame.keypoints).tolerance_m == 0.02
+    torn_mask = mask & (np.random.default_rng(0).random(mask.shape) >= 0.3)
+    wide = ndimage.distance_transform_edt(~mask) <= 3
+    for wrong, said in ((torn_mask, "is torn: "), (wide, "may not follow the glass: ")):
+        answer = networks(*seen, wrong, frame.keypoints)
+        assert answer.tolerance_m is None
+        assert any(f"the mask {said}" in note for note in answer.notes)
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "said"),
+    ("name", "value", "learned", "said"),
     [
-        ("behind", -0.122, "12.2 cm before the hand, in training 3 cm before to 5 cm behind"),
+        (
+            "behind",
+            -0.122,
+            (-0.03, 0.05),
+            "12.2 cm before the hand, in training 3 cm before to 5 cm behind",
+        ),
         (
             "tilt",
             0.25,
+            (-0.03, 0.05),
             "points 0.25 of its length away from the camera, in training 0.03 of its",
         ),
-        ("distance", 3.0, "the glass is 3 m away, in training -0.03 to 0.05 m"),
+        ("distance", 3.0, (-0.03, 0.05), "the glass is 3 m away, in training -0.03 to 0.05 m"),
+        ("lens", 0.5, (0.8889, 0.8889), "50 % of the picture's width, in training 88.9 %"),
     ],
 )
-def test_a_distance_is_said_with_its_side_not_its_sign(name: str, value: float, said: str) -> None:
-    assert said in FEATURES[name].said(value, -0.03, 0.05)
+def test_a_value_is_said_in_the_units_of_readers_with_its_side_not_its_sign(
+    name: str, value: float, learned: tuple[float, float], said: str
+) -> None:
+    assert said in FEATURES[name].said(value, *learned)
 
 
 def test_frames_of_the_training_are_inside_and_thrice_the_distance_is_not() -> None:
@@ -273,16 +275,6 @@ def test_a_record_with_an_unknown_feature_is_refused() -> None:
     record["features"][0] = "weight"
     with pytest.raises(ValueError, match=r"a ground has the features .*, got \['weight'\]"):
         Field.from_dict(record)
-
-
-def test_a_range_is_said_in_the_units_of_readers() -> None:
-    assert FEATURES["distance"].said(1.04, 0.38, 0.91) == (
-        "the glass is 1.04 m away, in training 0.38 to 0.91 m"
-    )
-    assert FEATURES["lens"].said(0.5, 0.8889, 0.8889) == (
-        "the camera sees another angle: focal length 50 % of the picture's width, "
-        "in training 88.9 %"
-    )
 
 
 def test_sight_measures_what_lies_off_the_main_directions() -> None:

@@ -86,7 +86,7 @@ def test_every_system_has_every_preset_and_a_step(size, tmp_path):
 
 
 def test_seeds_are_averaged():
-    def row(seed, rmse):
+    def row(seed, rmse, restored=True):
         return {
             "method": "hadr",
             "split": "known",
@@ -95,7 +95,7 @@ def test_seeds_are_averaged():
             "delta_105": 50.0,
             "frames": 4,
             "pooled": {"rmse_m": 2 * rmse},
-            "restored": {"rmse_m": 3 * rmse},
+            "restored": {"rmse_m": 3 * rmse if restored else None},
             "per_frame": {"stems": ["0001/a", "0002/b"], "rmse_m": [rmse, 3 * rmse]},
             "configuration": {},
             "config_sha256": str(seed),
@@ -112,6 +112,8 @@ def test_seeds_are_averaged():
     assert found["by_object"] == pytest.approx({"0001": 0.02, "0002": 0.06})
     assert (found["frames"], found["seeds"]) == (4, [0, 1, 2])
     assert table_rows([row(0, 0.01)])[0]["seed_sd"]["rmse_m"] is None
+    part = table_rows([row(0, 0.01), row(1, 0.02, restored=False)])[0]
+    assert part["restored"]["rmse_m"] is None
 
 
 def finish(out: Path, trial: Trial, **changed: float) -> None:

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from hadr.data.samples import open_samples, samples_dir
+from hadr.data.samples import samples_dir
 from hadr.experiments import runner
-from hadr.experiments.averages import paired, standard_error, table_rows
+from hadr.experiments.averages import paired, standard_error
 from hadr.experiments.protocol import CHEAP, recipe_of
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.tables import write_tables
@@ -153,24 +153,6 @@ def test_a_whole_training_of_other_code_counts_where_that_is_asked_for(
     assert (aside / "last.safetensors").read_bytes() == weights
 
 
-def test_what_one_seed_did_not_restore_has_no_mean() -> None:
-    def row(error: float | None) -> dict[str, object]:
-        return {
-            "method": "hadr",
-            "split": "known",
-            "seed": 0,
-            "rmse_m": 0.02,
-            "pooled": {"rmse_m": 0.02},
-            "restored": {"rmse_m": error},
-            "per_frame": {"stems": [], "rmse_m": []},
-            "config_sha256": "s",
-            "provenance": {"commit": "c", "machine": "m"},
-        }
-
-    assert table_rows([row(0.01), row(None)])[0]["restored"]["rmse_m"] is None
-    assert table_rows([row(0.01), row(0.03)])[0]["restored"]["rmse_m"] == pytest.approx(0.02)
-
-
 def test_two_methods_frame_by_frame() -> None:
     own = {"stems": ["a", "b"], "rmse_m": [0.01, 0.05]}
     other = {"stems": ["a", "b"], "rmse_m": [0.04, 0.04]}
@@ -207,14 +189,3 @@ def test_a_row_that_was_edited_by_hand_is_measured_again(bench: Bench) -> None:
     path.write_text(json.dumps(edited))
     assert bench.finished(run) is None
     assert bench.measure(run)["rmse_m"] == row["rmse_m"]
-
-
-def test_holds_follow_the_frames(bench: Bench) -> None:
-    stems = bench.measure(Run("known", "nearest"))["per_frame"]["stems"]
-    holds = bench.holds("known", stems)
-    samples = open_samples("test")
-    logged = {
-        f"{o}/{s.stem}": h
-        for o, s, h in zip(samples.object_ids, samples.files, samples.hold_ids, strict=True)
-    }
-    assert [hold.split("/")[1] for hold in holds] == [logged[stem] for stem in stems]

@@ -168,34 +168,22 @@ def test_resume_refuses_another_training(
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "data", "message"),
     [
-        ({"weights": CODED}, "trained with weights"),
-        ({"drop_epoch": 1}, "trained with drop_epoch"),
-        ({"batch_size": 1}, "trained with batch_size"),
+        ({"weights": CODED}, "oracle", "trained with weights"),
+        ({"drop_epoch": 1}, "oracle", "trained with drop_epoch"),
+        ({"batch_size": 1}, "oracle", "trained with batch_size"),
+        ({}, "sensor", "corruption = oracle, not sensor"),
     ],
 )
-def test_resume_refuses_another_recipe_and_names_the_difference(
-    micro: Preset, frames: FrameTensors, tmp_path: Path, change, message
+def test_resume_refuses_another_recipe_or_other_data_and_names_the_difference(
+    micro: Preset, frames: FrameTensors, tmp_path: Path, change, data, message
 ) -> None:
     short = replace(micro, epochs=1, drop_epoch=5, batch_size=2)
-    train(short, frames, folder=tmp_path, progress=False)
+    again = partial(train, frames=frames, folder=tmp_path, progress=False)
+    again(short, data={"corruption": "oracle"})
     with pytest.raises(ValueError, match=message):
-        train(replace(short, **change), frames, folder=tmp_path, resume=True, progress=False)
-
-
-def test_resume_refuses_other_data(micro: Preset, frames: FrameTensors, tmp_path: Path) -> None:
-    short = replace(micro, epochs=1)
-    train(short, frames, folder=tmp_path, data={"corruption": "oracle"}, progress=False)
-    with pytest.raises(ValueError, match="corruption = oracle, not sensor"):
-        train(
-            short,
-            frames,
-            folder=tmp_path,
-            data={"corruption": "sensor"},
-            resume=True,
-            progress=False,
-        )
+        again(replace(short, **change), data={"corruption": data}, resume=True)
 
 
 def test_a_training_is_not_overwritten(micro: Preset, frames: FrameTensors, tmp_path: Path) -> None:

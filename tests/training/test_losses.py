@@ -10,8 +10,10 @@ from hadr.models.hadr import HADROutput
 from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs, segment_softmax
 from hadr.training.losses import (
     CODED,
+    LIDF_WEIGHTS,
     PRINTED,
     LossTerms,
+    LossWeights,
     depth_loss,
     hadr_losses,
     normals,
@@ -23,8 +25,9 @@ GRID = VoxelGrid()
 
 
 def test_weights_as_printed_and_as_coded() -> None:
-    assert (PRINTED.depth, PRINTED.probability, PRINTED.normals) == (200.0, 10.0, 0.5)
-    assert (CODED.depth, CODED.probability, CODED.normals) == (200.0, 0.5, 10.0)
+    assert LossWeights(200.0, 10.0, 0.5, "xyz") == PRINTED
+    assert LossWeights(200.0, 0.5, 10.0, "xyz") == CODED
+    assert LossWeights(100.0, 0.5, 10.0, "xyz") == LIDF_WEIGHTS
     terms = LossTerms(*(torch.tensor(x) for x in (0.02, 0.3, 0.1, 0.0, 0.0)))
     assert terms.total(PRINTED).item() == pytest.approx(4.0 + 3.0 + 0.05)
     assert terms.total(CODED).item() == pytest.approx(4.0 + 0.15 + 1.0)

@@ -51,11 +51,6 @@ def test_published_weights_are_named_in_the_backbone() -> None:
     assert model.backbone.pretrained == "some/swin"
 
 
-def test_epochs_must_be_positive() -> None:
-    with pytest.raises(ValueError, match="--epochs must be at least 1, got 0"):
-        recipe_from(parsed("--epochs", "0"))
-
-
 def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(
     tmp_path: Path, micro: Preset
 ) -> None:
@@ -73,6 +68,7 @@ def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(
     ("words", "message"),
     [
         ("--seed -1", "--seed must be from 0 to"),
+        ("--epochs 0", "--epochs must be at least 1, got 0"),
         ("--accelerator cuda", "finds no CUDA device"),
         ("--tensorboard", "pip install tensorboard"),
         ("--network segmentation --masks some.safetensors", "got segmentation"),

@@ -131,8 +131,9 @@ def test_unknown_keypoints_stay_unknown() -> None:
     frame = plane_frame()
     zeros = torch.zeros_like(frame.inputs.keypoints)
     unknown = replace(frame.inputs, keypoints=zeros, keypoints_uv=zeros[..., :2])
-    camera = other_camera(INTRINSICS, (WIDTH, HEIGHT), mirror=True, zoom=1.2)
-    moved = seen_by(replace(frame, inputs=unknown), camera)
+    recipe = recipe_with(mirror=1.0, zoom=1.2, keypoint_noise=0.01)
+    moved = augment_frames(replace(frame, inputs=unknown), [0], recipe, 0, 0)
+    assert not moved.inputs.keypoints.any()
     assert not moved.inputs.keypoints_uv.any()
 
 
@@ -149,10 +150,3 @@ def test_noisy_keypoints_move_alike_and_each_for_itself_and_the_truth_stays() ->
     fx, _, cx, _ = INTRINSICS
     x, _, z = noisy.inputs.keypoints[0].T
     torch.testing.assert_close(noisy.inputs.keypoints_uv[0, :, 0], fx * x / z + cx)
-
-
-def test_an_unknown_hand_gets_no_noise() -> None:
-    frame = plane_frame()
-    none = replace(frame, inputs=replace(frame.inputs, keypoints=torch.zeros(1, 21, 3)))
-    noisy = augment_frames(none, [0], recipe_with(keypoint_noise=0.01), 0, 0)
-    assert not noisy.inputs.keypoints.any()

@@ -35,26 +35,20 @@ def test_the_analytic_models_keep_some_depth_and_follow_the_seed(
     assert 0 < (inside > 0.9).float().mean() < 1  # the background shows through
 
 
-def test_the_sensor_is_the_frames_raw_depth_as_it_was_measured(
+def test_the_sensor_is_the_frames_raw_depth_and_erased_is_it_without_the_object(
     glass_frame: Callable[..., Frame],
 ) -> None:
     frame = glass_frame()
     raw = np.where(frame.depth > 0, frame.depth + np.float32(0.003), 0).astype(np.float32)
     raw[frame.object_mask] = 0.83
     raw[:3] = np.nan
-    loaded = load_frames([replace(frame, raw_depth=raw)], frame.camera.shape[::-1], "sensor")
-    expected = np.nan_to_num(raw)
-    np.testing.assert_array_equal(loaded.inputs.depth[0].numpy(), expected)
-    np.testing.assert_array_equal(loaded.true_depth[0].numpy(), frame.depth)
-
-
-def test_erased_is_the_raw_depth_without_the_object(glass_frame: Callable[..., Frame]) -> None:
-    frame = glass_frame()
-    raw = np.where(frame.depth > 0, frame.depth + np.float32(0.003), 0).astype(np.float32)
-    loaded = load_frames([replace(frame, raw_depth=raw)], frame.camera.shape[::-1], "erased")
-    np.testing.assert_array_equal(
-        loaded.inputs.depth[0].numpy(), np.where(frame.object_mask, 0, raw)
-    )
+    measured = np.nan_to_num(raw)
+    erased = np.where(frame.object_mask, 0, measured)
+    expected: dict[Corruption, np.ndarray] = {"sensor": measured, "erased": erased}
+    for corruption, depth in expected.items():
+        loaded = load_frames([replace(frame, raw_depth=raw)], frame.camera.shape[::-1], corruption)
+        np.testing.assert_array_equal(loaded.inputs.depth[0].numpy(), depth)
+        np.testing.assert_array_equal(loaded.true_depth[0].numpy(), frame.depth)
 
 
 @pytest.mark.parametrize("corruption", ["sensor", "erased"])

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,7 +7,6 @@ import pytest
 import torch
 
 from hadr.rivals.dfnet import DFNetConfig
-from hadr.training.losses import image_points, normals, normals_apart
 from hadr.training.recipe import Preset
 from hadr.training.tasks.task import Task
 
@@ -86,27 +84,6 @@ def test_a_frame_without_given_depth_does_not_count(frames) -> None:
     assert terms["loss"].item() == 0
     terms["loss"].backward()
     assert torch.equal(image.grad, torch.zeros_like(image))
-
-
-def plane(normal: tuple[float, float, float], camera: torch.Tensor) -> torch.Tensor:
-    """Depth of the plane of a normal through (0, 0, 1 m), shape (1, 6, 8)."""
-    rows, columns = torch.meshgrid(torch.arange(6.0), torch.arange(8.0), indexing="ij")
-    fx, fy, cx, cy = camera[0]
-    x, y = (columns - cx) / fx, (rows - cy) / fy
-    return (normal[2] / (normal[0] * x + normal[1] * y + normal[2]))[None]
-
-
-@pytest.mark.parametrize("along", [(1.0, 0.0), (0.0, 1.0), (0.6, -0.8)])
-def test_normals_of_two_planes_differ_by_their_angle(along: tuple[float, float]) -> None:
-    camera = torch.tensor([[40.0, 50.0, 3.5, 2.0]])
-    sine, cosine = math.sin(0.5), math.cos(0.5)
-    normal = (sine * along[0], sine * along[1], cosine)
-    front, inclined = plane((0.0, 0.0, 1.0), camera), plane(normal, camera)
-    clouds = [image_points(depth, camera) for depth in (inclined, front)]
-    apart, whole = normals_apart(*clouds, torch.ones(1, 6, 8, dtype=torch.bool))
-    assert whole.all()
-    torch.testing.assert_close(apart, torch.full((1, 5, 7), 1 - cosine), atol=1e-5, rtol=0)
-    torch.testing.assert_close(normals(clouds[0])[0, 2, 3], torch.tensor(normal), atol=1e-4, rtol=0)
 
 
 def test_a_normal_needs_its_pixel_counted_and_the_next_two_known(frames) -> None:

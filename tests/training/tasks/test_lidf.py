@@ -50,11 +50,6 @@ def same(one: dict[str, torch.Tensor], two: dict[str, torch.Tensor]) -> bool:
     return one.keys() == two.keys() and all(torch.equal(v, two[n]) for n, v in one.items())
 
 
-def test_the_weights_are_the_published_ones() -> None:
-    weights = LIDF_WEIGHTS
-    assert (weights.depth, weights.probability, weights.normals) == (100.0, 0.5, 10.0)
-
-
 @pytest.mark.parametrize(
     ("epochs", "share", "first"), [(90, 2 / 3, 60), (12, 2 / 3, 8), (4, 0.5, 2), (2, 0.1, 1)]
 )
