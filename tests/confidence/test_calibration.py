@@ -24,7 +24,7 @@ from hadr.confidence.calibration import (
 
 def test_calibration_by_hand() -> None:
     """Four bins with shares 0, 1, 0, 1: the middle two are pooled to one half."""
-    score = np.repeat([0.1, 0.3, 0.5, 0.9], 2)
+    score = np.array([0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.85, 0.95])
     error = np.repeat([0.3, 0.0, 0.3, 0.0], 2)
     found = fit_calibration(score, error, bins=4, frames=7)
     assert (found.pixels, found.frames, found.tolerance_m) == (8, 7, 0.02)
@@ -116,6 +116,12 @@ def test_sparsification_by_hand() -> None:
     np.testing.assert_allclose(found.rmse_m**2, [30 / 4, 14 / 3, 13 / 2, 4])
     np.testing.assert_allclose(found.oracle_rmse_m**2, [30 / 4, 14 / 3, 5 / 2, 1])
     assert found.random_rmse_m**2 == pytest.approx(7.5)
+
+
+def test_a_constant_confidence_gains_nothing_in_any_order() -> None:
+    error = np.arange(100.0)
+    found = sparsification(np.full(100, 0.4), error)
+    np.testing.assert_allclose(found.rmse_m, found.random_rmse_m)
 
 
 @given(pixels, st.integers(0, 9))

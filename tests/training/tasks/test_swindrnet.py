@@ -95,15 +95,16 @@ def test_means_run_over_the_batchs_pixels() -> None:
 
 
 def test_a_plane_of_45_degrees_against_a_wall() -> None:
-    right = (torch.arange(7) - 3.0) / 40  # x / z of a column
-    plane = (1 / (1 - right)).expand(1, 7, 7)  # z = 1 + x
-    camera = torch.tensor([[40.0, 40.0, 3.0, 3.0]])
-    on, off = image_terms(plane, flat(1.0), camera, everywhere(True))
-    # (-1, 0, 1) / sqrt 2 against (0, 0, 1): (0.7071 + 0 + 0.2929) / 3
-    assert on.normals.item() == pytest.approx(1 / 3, abs=1e-4)
-    assert off.normals == off.depth == off.gradient == 0
-    on, _ = image_terms(plane.mT, flat(1.0), camera, everywhere(True))
-    assert on.normals.item() == pytest.approx(1 / 3, abs=1e-4)
+    camera = torch.tensor([[40.0, 50.0, 3.0, 3.0]])
+    # z = 1 + x, and z = 1 + y
+    across, down = (
+        (1 / (1 - (torch.arange(7) - 3.0) / focal)).expand(1, 7, 7) for focal in (40, 50)
+    )
+    for plane in (across, down.mT):
+        on, off = image_terms(plane, flat(1.0), camera, everywhere(True))
+        # (-1, 0, 1) / sqrt 2 against (0, 0, 1): (0.7071 + 0 + 0.2929) / 3
+        assert on.normals.item() == pytest.approx(1 / 3, abs=1e-4)
+        assert off.normals == off.depth == off.gradient == 0
 
 
 def test_a_ramp_and_a_dent_have_sobels_gradient() -> None:
