@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import LARGEST_IMAGE
-from hadr.records.reading import structured
 
 Normals = Literal["all", "held", "object", "none"]
 """Of which pixels a frame's surface normals are kept; held: of hand and object."""
@@ -174,11 +173,6 @@ class DisparityScale:
     def __post_init__(self) -> None:
         if not min(self.focal_baseline, self.step, self.unit) > 0:
             raise ValueError(f"the values of a disparity scale must be positive, got {self}")
-
-    @classmethod
-    def from_record(cls, record: Any) -> DisparityScale:
-        """The values by name, as a log has them; a ``ValueError`` says what it lacks."""
-        return structured(record, cls, "a disparity scale")
 
     def depth(self, steps: npt.NDArray[Any]) -> Depth:
         """Depth in metres of whole steps; 0 stays 0."""

@@ -8,10 +8,10 @@ level ``depth/`` may be missing. The log holds the camera in Blender's conventio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, TypeVar, overload
+from typing import Literal, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -208,7 +208,8 @@ class TransHand(Sequence[Frame]):
             behind = load_depth(files.background, DEPTH_SCALE_KEY)
             background = np.where(object_mask, behind, depth)
         if files.raw_depth is not None and files.raw_depth.parent.name == DISPARITY_FOLDER:
-            scale = _disparity_scale(log, files.log)
+            where = f"{files.log}: {DISPARITY_SCALE_KEY!r}"
+            scale = structured(log.get(DISPARITY_SCALE_KEY), DisparityScale, where)
             raw = load(files.raw_depth, lambda data: decode_disparity(data, scale))
         elif files.raw_depth is not None:
             raw = load_depth(files.raw_depth, RAW_SCALE_KEY)
@@ -234,13 +235,6 @@ class TransHand(Sequence[Frame]):
             None if files.normals is None else load(files.normals, decode_normals),
             log_transform(log, OBJECT_POSE_KEY, files.log),
         )
-
-
-def _disparity_scale(log: Mapping[str, Any], path: Path) -> DisparityScale:
-    try:
-        return DisparityScale.from_record(log.get(DISPARITY_SCALE_KEY))
-    except ValueError as error:
-        raise ValueError(f"{path}: {DISPARITY_SCALE_KEY!r}: {error}") from error
 
 
 def _load(path: Path, decode: Callable[[bytes], npt.NDArray[Dtype]]) -> npt.NDArray[Dtype]:

@@ -136,7 +136,7 @@ def test_a_stereo_cameras_depth_is_stored_as_disparity_without_loss(tmp_path, st
         TransHand(tmp_path, "train")[0]
     del log["raw_disparity scale"]
     path.write_text(json.dumps(log))
-    with pytest.raises(ValueError, match=r"disparity scale: must be named values, got None"):
+    with pytest.raises(ValueError, match=r"_disparity scale': must be named values, got None"):
         TransHand(tmp_path, "train")[0]
 
 
