@@ -186,31 +186,21 @@ def _taken(folder: Path) -> int:
             os.close(handle)
             raise ValueError(f"{path} has another name elsewhere, so it is no lock: remove it")
         try:
-            if not _lock(handle):
-                _say_unlocked()
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             owner = os.pread(handle, 1000, 0).decode(errors="replace") or "another run"
             os.close(handle)
             raise ValueError(
                 f"{folder} is taken by {owner}: wait for its end, or name another folder"
             ) from None
+        except (ImportError, OSError):
+            _say_unlocked()
         with contextlib.suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(handle), path.stat()):
                 return handle
         os.close(handle)  # its owner has ended meanwhile, and removed it
-
-
-def _lock(handle: int) -> bool:
-    """Lock a file, and tell whether that can be done; BlockingIOError where another process has."""
-    try:
-        import fcntl
-
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise
-    except (ImportError, OSError):
-        return False
-    return True
 
 
 @cache
