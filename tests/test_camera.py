@@ -30,12 +30,6 @@ def test_project_by_hand():
     np.testing.assert_allclose(uv, [[3.0, 1.5], [40 * 0.05 + 3, -50 * 0.1 + 1.5]])
 
 
-def test_project_is_the_calibration_matrix():
-    points = np.random.default_rng(0).uniform((-1, -1, 0.2), (1, 1, 3), (50, 3))
-    homogeneous = points @ CAMERA.matrix.T
-    np.testing.assert_allclose(project(points, CAMERA), homogeneous[:, :2] / homogeneous[:, 2:])
-
-
 def test_points_at_or_behind_the_camera_have_no_pixel():
     uv = project(np.array([[[0.1, 0.1, 0.0], [0.1, 0.1, -1.0], [0.0, 0.0, 1.0]]]), CAMERA)
     assert uv.shape == (1, 3, 2)
@@ -66,13 +60,6 @@ def test_rays_are_unit_and_distance_is_not_depth():
     assert (distance > depth).all()  # no pixel centre lies on the principal point here
     np.testing.assert_allclose(distance[..., None] * rays, points)
     np.testing.assert_allclose(distance * rays[..., 2], depth)
-
-
-def test_resized_moves_pixel_centres():
-    # Halving an image of 8x4: the new pixel (0, 0) covers the old centres 0 and 1, so 0.5.
-    half = CAMERA.resized(4, 2)
-    assert half == Intrinsics(20.0, 25.0, (3.0 + 0.5) * 0.5 - 0.5, (1.5 + 0.5) * 0.5 - 0.5, 4, 2)
-    np.testing.assert_allclose(half.cx, 1.25)
 
 
 @given(st.integers(1, 40), st.integers(1, 40))
@@ -210,14 +197,6 @@ def test_resized_depth_stays_on_its_ray(width, height):
     tangent = pixel_grid(camera.resized(width, height))[0, :, 0] - camera.resized(width, height).cx
     tangent /= camera.resized(width, height).fx
     np.testing.assert_allclose((expected - camera.cx) / camera.fx, tangent, atol=1e-12)
-
-
-def test_mask_and_depth_resize_with_the_same_pixels():
-    mask = np.random.default_rng(6).random((37, 53)) > 0.5
-    depth = np.where(mask, 0.7, 1.4)
-    small = resize_mask(mask, 20, 11)
-    assert small.dtype == np.bool_
-    np.testing.assert_array_equal(resize_depth(depth, 20, 11) == 0.7, small)
 
 
 def test_resize_color_averages_when_it_shrinks():

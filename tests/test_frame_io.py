@@ -216,8 +216,8 @@ def test_wrong_kinds_of_images_are_named(tmp_path) -> None:
     np.save(tmp_path / "line.npy", np.ones(5))
     with pytest.raises(ValueError, match=r"\(H, W\) numbers of 16.*, got shape \(5,\) float64"):
         read_depth(tmp_path / "line.npy")
-    for wrong in (np.ones((4, 5, 3)), np.ones((4, 5), np.uint8), np.ones((4, 5), bool)):
-        np.save(tmp_path / "other.npy", wrong)
+    for shape, kind in (((4, 5, 3), float), ((4, 5, 0), float), ((4, 5), np.uint8), ((4, 5), bool)):
+        np.save(tmp_path / "other.npy", np.ones(shape, kind))
         with pytest.raises(ValueError, match=r"must be \(H, W\) numbers of 16 bits or more, got"):
             read_depth(tmp_path / "other.npy")
     (tmp_path / "cut.npy").write_bytes((tmp_path / "line.npy").read_bytes()[:-8])
@@ -320,12 +320,6 @@ def test_a_mask_of_other_numbers_is_refused(tmp_path, value):
     np.save(tmp_path / "mask.npy", np.broadcast_to(value, (4, 4)))
     with pytest.raises(ValueError, match="must hold bool, whole numbers, or 0 and 1, got"):
         read_mask(tmp_path / "mask.npy")
-
-
-def test_depth_without_a_channel_is_refused(tmp_path):
-    np.save(tmp_path / "depth.npy", np.zeros((4, 5, 0), np.float32))
-    with pytest.raises(ValueError, match=r"must be \(H, W\) numbers .* got shape \(4, 5, 0\)"):
-        read_depth(tmp_path / "depth.npy")
 
 
 @pytest.mark.parametrize(

@@ -134,11 +134,6 @@ def test_cell_of_known_points() -> None:
     assert GRID.cell_of(points).tolist() == expected
 
 
-def test_center_of_known_cells() -> None:
-    centers = GRID.center_of(torch.tensor([[0, 0, 0], [4, 4, 0], [8, 8, 8]]))
-    assert centers.tolist() == [[-1.0, -1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 1.0, 2.0]]
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -195,14 +190,6 @@ def test_slanted_ray_by_hand() -> None:
     assert pairs.t_out.tolist() == pytest.approx([1.0416666666667, 1.40625], abs=1e-12)
 
 
-def test_camera_inside_an_occupied_voxel_enters_at_zero() -> None:
-    occupied = occupy([(4, 4, 0)])
-    pairs = ray_voxel_pairs(unit([[0, 0, 1], [1, 0, 0], [0, -1, 0]]), zeros(3), occupied, GRID)
-    assert pairs.ray.tolist() == [0, 1, 2]
-    assert pairs.t_in.tolist() == [0.0, 0.0, 0.0]
-    assert pairs.t_out.tolist() == [0.125, 0.125, 0.125]
-
-
 def test_ray_through_edges_and_corners_has_no_empty_pairs() -> None:
     # The direction (1, 1, 1) meets x, y and z planes at once, again and again: every crossing is
     # a corner where up to seven cells are touched and only one is passed.
@@ -223,16 +210,6 @@ def test_bad_directions_get_no_pair() -> None:
     directions[0] = nan
     pairs = ray_voxel_pairs(directions, zeros(3), occupy(everything, dtype=torch.float32), GRID)
     assert pairs.candidates().tolist() == [0, 0, 9]
-
-
-def test_frames_never_mix() -> None:
-    # The same cells in another frame must not be seen, and a frame without points has no pairs.
-    occupied = occupy([(4, 4, 3), (4, 4, 5), (4, 4, 7)], frames=[0, 2, 2], n_frames=3)
-    ray_frame = torch.tensor([2, 1, 0])
-    pairs = ray_voxel_pairs(unit([[0, 0, 1]] * 3), ray_frame, occupied, GRID)
-    assert pairs.ray.tolist() == [0, 0, 2]
-    assert occupied.cell[pairs.voxel].tolist() == [[4, 4, 5], [4, 4, 7], [4, 4, 3]]
-    assert (occupied.frame[pairs.voxel] == ray_frame[pairs.ray]).all()
 
 
 def test_camera_outside_of_the_grid_and_on_a_plane() -> None:

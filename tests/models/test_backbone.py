@@ -90,11 +90,6 @@ def _tent(pixel: int, side: int, end: int) -> torch.Tensor:
     return torch.from_numpy(np.interp(range(end), cells, np.interp(cells, middles, values)))
 
 
-def test_dense_map_has_the_images_size_also_where_nothing_divides_evenly() -> None:
-    dense = ColorBackbone(MICRO, channels=6)(torch.rand(2, 3, 45, 50))
-    assert dense.shape == (2, 6, 45, 50)
-
-
 @pytest.mark.parametrize(("normalize", "red", "green"), [(True, 0.0, 1.0), (False, 0.485, 0.68)])
 def test_color_is_normalised_with_imagenet_numbers(
     normalize: bool, red: float, green: float

@@ -63,21 +63,6 @@ def test_the_papers_embedding_is_511_wide() -> None:
     assert OffsetDecoder(config.parts, config.decoder_widths).decoder.first.in_features == 511 + 16
 
 
-def test_what_enters_the_decoders_is_as_wide_as_the_configuration_says() -> None:
-    model = HADR(replace(MICRO, voxel_width=128)).eval()
-    widths = {}
-    decoder = model.probability_decoder
-    begin = decoder.begin
-
-    def spy(*parts: Tensor) -> Tensor:
-        widths["parts"] = [part.shape[1] for part in parts[:3]]
-        return begin(*parts)
-
-    decoder.begin = spy  # type: ignore[method-assign]
-    model(scene()[0])
-    assert widths["parts"] == [155, 254, 102]
-
-
 def test_split_linear_equals_the_linear_on_the_concatenation() -> None:
     torch.manual_seed(0)
     parts = (7, 4, 5)

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from hadr.models.ray_features import RayFeatures, features_at, roi_align
+from hadr.models.ray_features import RayFeatures, roi_align
 
 
 def noise(*shape: int, seed: int = 0) -> Tensor:
@@ -71,17 +71,6 @@ def test_which_sampling_is_equal_to_the_pools(sampling: int, equal: bool) -> Non
     assert torch.allclose(got, direct, rtol=0, atol=1e-12) == equal
 
 
-def test_pools_are_not_equal_where_pixel_centers_are_whole_numbers() -> None:
-    feature_map, pixels = noise(1, 3, 20, 20), torch.tensor([[0, 9, 11]])
-    boxes = torch.tensor([[7.0, 5.0, 15.0, 13.0]])
-    centered = roi_align(feature_map, boxes, pixels[:, 0], aligned=False).flatten(1)
-    got = RayFeatures()(feature_map, pixels)
-    assert (got - centered).abs().max() > 0.05
-    # In that convention the same pixels are named by a box half a pixel further left and up.
-    moved = roi_align(feature_map, boxes - 0.5, pixels[:, 0], aligned=False).flatten(1)
-    torch.testing.assert_close(got, moved, rtol=0, atol=1e-12)
-
-
 def test_bins_by_hand() -> None:
     # Pixel value = 100 row + column; means of the 4x4 pixels around (row 6, column 5).
     row, column = torch.arange(12.0), torch.arange(12.0)
@@ -103,29 +92,6 @@ def test_at_the_border_the_box_is_pushed_back_into_the_image() -> None:
     assert boxes[:2].tolist() == [[0, 0, 8, 8], [8, 8, 16, 16]]
 
 
-def test_rays_read_their_own_frame() -> None:
-    feature_map = torch.stack([torch.full((3, 8, 8), float(k)) for k in range(4)])
-    got = RayFeatures()(feature_map, torch.tensor([[2, 4, 4], [0, 1, 7], [3, 0, 0]]))
-    assert got.shape == (3, 12)
-    assert got[:, 0].tolist() == [2.0, 0.0, 3.0]
-
-
-def test_gradient_reaches_exactly_the_box() -> None:
-    feature_map = torch.zeros(1, 1, 16, 16, requires_grad=True)
-    RayFeatures()(feature_map, torch.tensor([[0, 7, 9]])).sum().backward()
-    assert feature_map.grad is not None
-    expected = torch.zeros(16, 16)
-    expected[3:11, 5:13] = 1 / 16
-    assert torch.equal(feature_map.grad[0, 0], expected)
-
-
 def test_bad_sizes_are_refused() -> None:
     with pytest.raises(ValueError, match="at least 8x8, got 6x20"):
         RayFeatures()(torch.zeros(1, 1, 6, 20), torch.zeros(1, 3, dtype=torch.long))
-
-
-def test_features_at() -> None:
-    feature_map = torch.arange(2 * 3 * 4 * 5.0).reshape(2, 3, 4, 5)
-    pixels = torch.tensor([[1, 2, 3], [0, 0, 4]])
-    expected = torch.stack((feature_map[1, :, 2, 3], feature_map[0, :, 0, 4]))
-    assert torch.equal(features_at(feature_map, pixels), expected)

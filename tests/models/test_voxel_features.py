@@ -37,26 +37,6 @@ def test_shape_and_permutation_invariance(point_fusion: bool, channels: int) -> 
     torch.testing.assert_close(got, expected)
 
 
-def test_each_voxel_depends_on_its_own_points_only() -> None:
-    points, color, voxel, centers = cloud()
-    model = encoder()
-    expected = model(points, color, voxel, centers)
-    changed = points.clone()
-    changed[voxel == 3] += 0.05
-    got = model(changed, color, voxel, centers)
-    same = (got == expected).all(dim=1)
-    assert same.tolist() == [True, True, True, False, True, True, True]
-
-
-def test_moving_points_and_voxels_together_changes_nothing() -> None:
-    points, color, voxel, centers = (x.double() if x.is_floating_point() else x for x in cloud())
-    model = encoder().double()
-    shift = torch.tensor([0.25, -0.5, 1.0], dtype=torch.float64)
-    torch.testing.assert_close(
-        model(points + shift, color, voxel, centers + shift), model(points, color, voxel, centers)
-    )
-
-
 def test_points_outside_of_the_voxels_are_left_out() -> None:
     points, color, voxel, centers = cloud()
     model = encoder()

@@ -51,14 +51,6 @@ def test_a_file_edited_by_hand_is_noticed(written, old, new):
         read_result_file(written)
 
 
-def test_a_row_taken_out_or_copied_is_noticed(written):
-    content = json.loads(written.read_text(encoding="utf-8"))
-    for rows in (content["rows"][:1], content["rows"] + content["rows"][:1]):
-        written.write_text(json.dumps({**content, "rows": rows}), encoding="utf-8")
-        with pytest.raises(ValueError, match="was changed"):
-            read_result_file(written)
-
-
 def test_layout_and_order_of_keys_may_change(written):
     content = json.loads(written.read_text(encoding="utf-8"))
     turned = dict(reversed(content.items()))
@@ -155,9 +147,6 @@ def test_numbers_of_any_form_are_sealed(tmp_path):
     assert found["provenance"]["sha256"] == digest(
         {"times": {"swin": [0.1, 0.2]}, "provenance": {"commit": "abc"}}
     )
-    path.write_text(path.read_text().replace("0.2", "0.1"), encoding="utf-8")
-    with pytest.raises(ValueError, match="was changed after it was measured"):
-        read_sealed(path)
 
 
 def test_what_has_no_provenance_is_not_sealed(tmp_path):

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
 import torch
@@ -21,21 +20,16 @@ MICRO = LIDFConfig(
 )
 
 
-def scene(
-    frames: int = 1, wall: float = 1.0, glass: float = 0.6, size: tuple[int, int] = (24, 32)
-) -> HADRInput:
+def scene(frames: int = 1, wall: float = 1.0, glass: float = 0.6) -> HADRInput:
     """A wall, before it a glass without depth, at its left a strip of hand."""
     generator = torch.Generator().manual_seed(3)
-    height, width = size
-    rows, columns = slice(height // 3, 2 * height // 3), slice(3 * width // 8, 5 * width // 8)
-    depth = torch.full((frames, height, width), wall)
-    depth[:, rows, width // 4 : 3 * width // 8] = glass
+    depth = torch.full((frames, 24, 32), wall)
+    depth[:, 8:16, 8:12] = glass
     mask = torch.zeros_like(depth, dtype=torch.bool)
-    mask[:, rows, columns] = True
-    focal = 1.25 * width
-    intrinsics = torch.tensor([[focal, focal, (width - 1) / 2, (height - 1) / 2]])
+    mask[:, 8:16, 12:20] = True
+    intrinsics = torch.tensor([[40.0, 40.0, 15.5, 11.5]])
     return HADRInput(
-        color=torch.rand(frames, 3, height, width, generator=generator),
+        color=torch.rand(frames, 3, 24, 32, generator=generator),
         depth=depth * ~mask,
         mask=mask,
         intrinsics=intrinsics.repeat(frames, 1),
@@ -73,36 +67,6 @@ def test_the_decoders_input_is_385_wide_and_the_refinements_334() -> None:
     assert config.refine_parts == (155, 128, 51)
     assert sum(config.refine_parts) == 334
     assert config.hand == "none"
-
-
-def test_what_enters_the_decoders_is_as_wide_and_the_voxels_get_place_and_colour() -> None:
-    model = refining(replace(MICRO, voxel_width=128))
-    assert model.refinement is not None
-    seen: dict[str, list[int]] = {}
-
-    def spy(owner: Any, name: str, key: str, count: int) -> None:
-        call = getattr(owner, name)
-
-        def watch(*parts: Tensor) -> Tensor:
-            seen[key] = [part.shape[1] for part in parts[:count]]
-            result: Tensor = call(*parts)
-            return result
-
-        object.__setattr__(owner, name, watch)
-
-    spy(model.first.probability_decoder, "begin", "probability", 3)
-    spy(model.first.offset_decoder, "forward", "offset", 3)
-    spy(model.refinement.offset_decoder, "forward", "refined", 3)
-    spy(model.first.voxel_features, "forward", "voxels", 2)
-    spy(model.refinement.voxel_features, "forward", "refined voxels", 2)
-    model(scene())
-    assert seen == {
-        "probability": [155, 128, 102],
-        "offset": [155, 128, 102],
-        "refined": [155, 128, 51],
-        "voxels": [3, 3],
-        "refined voxels": [3, 3],
-    }
 
 
 def test_the_colours_are_normalised_for_network_and_voxels_alike() -> None:
