@@ -212,48 +212,44 @@ def test_nothing_restored_is_exit_status_1_with_the_reasons(frame, capsys) -> No
     assert report["inputs"]["checkpoint"]["sha256"]
 
 
-def spoil(folder, case: str) -> dict[str, object]:
-    """Make one input unusable; return the changed arguments."""
-    if case == "a wrong scale":
-        return {"depth_scale": 1}
-    if case == "a missing file":
-        return {"rgb": folder / "gone.png"}
-    if case == "a truncated PNG":
-        (folder / "bad.png").write_bytes((folder / "depth.png").read_bytes()[:90])
-        return {"depth": folder / "bad.png"}
-    if case == "a truncated EXR":
-        (folder / "bad.exr").write_bytes(b"\x76\x2f\x31\x01\x02\x00\x00\x00channels\0chl")
-        return {"depth": folder / "bad.exr"}
-    if case == "a checkpoint that is not there":
-        return {"checkpoint": folder / "gone.safetensors", "hand": folder / "hand.json"}
-    if case == "HADR without a hand":
-        return {"method": "hadr"}
-    assert case == "truth of another size"
-    np.save(folder / "bad.npy", np.ones((4, 4)))
-    return {"truth": folder / "bad.npy"}
-
-
 BAD = {
-    "a wrong scale": "a median of 800, expected metres between",
-    "a missing file": "gone.png does not exist",
-    "a truncated PNG": "is not a whole image, PNG or JPEG: the PNG is cut off after 90 bytes",
-    "a truncated EXR": "is not a whole OpenEXR image",
-    "a checkpoint that is not there": "there is no checkpoint at ",
-    "HADR without a hand": "no checkpoint fits: the sample checkpoint needs 21 hand keypoints",
-    "truth of another size": "truth is (4, 4) but depth is (48, 64), expected the same",
+    "a wrong scale": ({"depth_scale": 1}, "a median of 800, expected metres between"),
+    "a missing file": ({"rgb": "gone.png"}, "gone.png does not exist"),
+    "a truncated PNG": (
+        {"depth": "bad.png"},
+        "is not a whole image, PNG or JPEG: the PNG is cut off after 90 bytes",
+    ),
+    "a truncated EXR": ({"depth": "bad.exr"}, "is not a whole OpenEXR image"),
+    "a checkpoint that is not there": (
+        {"checkpoint": "gone.safetensors", "hand": "hand.json"},
+        "there is no checkpoint at ",
+    ),
+    "HADR without a hand": (
+        {"method": "hadr"},
+        "no checkpoint fits: the sample checkpoint needs 21 hand keypoints",
+    ),
+    "truth of another size": (
+        {"truth": "bad.npy"},
+        "truth is (4, 4) but depth is (48, 64), expected the same",
+    ),
 }
 
 
-@pytest.mark.parametrize("case", BAD)
-def test_bad_input_is_one_sentence_and_leaves_nothing(frame, capfd, case: str) -> None:
-    line = words(frame, **spoil(frame, case))
+@pytest.mark.parametrize(("changes", "sentence"), BAD.values(), ids=BAD)
+def test_bad_input_is_one_sentence_and_leaves_nothing(
+    frame, capfd, monkeypatch, changes, sentence
+) -> None:
+    monkeypatch.chdir(frame)
+    (frame / "bad.png").write_bytes((frame / "depth.png").read_bytes()[:90])
+    (frame / "bad.exr").write_bytes(b"\x76\x2f\x31\x01\x02\x00\x00\x00channels\0chl")
+    np.save("bad.npy", np.ones((4, 4)))
     before = sorted(p.name for p in frame.iterdir())
-    assert main(line) == 2
+    assert main(words(frame, **changes)) == 2
     captured = capfd.readouterr()
     assert captured.out == ""
     assert captured.err.startswith("hadr restore: error: ")
     assert captured.err.count("\n") == 1
-    assert BAD[case] in captured.err
+    assert sentence in captured.err
     assert sorted(p.name for p in frame.iterdir()) == before, "something was left behind"
 
 

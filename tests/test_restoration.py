@@ -35,6 +35,11 @@ def hand(z: float = 0.81) -> np.ndarray:
     return flat + np.array([-8.5 / 100 * abs(z) - flat[:, 0].max(), 0.1, z])
 
 
+def notes_of(result: restoration.Restoration) -> str:
+    """All notes of a result, one a line."""
+    return "\n".join(result.notes)
+
+
 def test_nearest_changes_only_the_mask_and_fills_it() -> None:
     color, depth, mask = frame()
     result = restore(color, depth, CAMERA, mask, method="nearest")
@@ -44,7 +49,7 @@ def test_nearest_changes_only_the_mask_and_fills_it() -> None:
     np.testing.assert_array_equal(result.confidence, np.where(mask, 0, 1))
     assert result.method == "nearest"
     assert result.depth.dtype == result.confidence.dtype == np.float32
-    assert any("200 of the mask's 400 pixels had a measured depth" in n for n in result.notes)
+    assert "200 of the mask's 400 pixels had a measured depth" in notes_of(result)
 
 
 def test_without_mask_the_missing_pixels_are_restored_and_it_says_so() -> None:
@@ -52,7 +57,7 @@ def test_without_mask_the_missing_pixels_are_restored_and_it_says_so() -> None:
     result = restore(color, depth, CAMERA, method="nearest")
     np.testing.assert_array_equal(result.restored, depth == 0)
     np.testing.assert_array_equal(result.depth[depth > 0], depth[depth > 0])
-    assert any("no mask given: the 200 pixels without depth" in n for n in result.notes)
+    assert "no mask given: the 200 pixels without depth" in notes_of(result)
 
 
 def test_a_complete_frame_without_mask_comes_back_unchanged() -> None:
@@ -62,16 +67,15 @@ def test_a_complete_frame_without_mask_comes_back_unchanged() -> None:
     np.testing.assert_array_equal(result.depth, depth)
     assert result.method == "none"
     assert not result.restored.any()
-    assert any("nothing to restore" in n for n in result.notes)
+    assert "nothing to restore" in notes_of(result)
 
 
 def test_auto_without_hand_says_that_it_is_not_hadr() -> None:
     color, depth, mask = frame()
     result = restore(color, depth, CAMERA, mask)
     assert result.method == "nearest"
-    assert any(
-        n.startswith("no checkpoint fits: ") and n.endswith("nearest valid depth, not HADR")
-        for n in result.notes
+    assert re.search(
+        "^no checkpoint fits: .* nearest valid depth, not HADR$", notes_of(result), re.M
     )
     with pytest.raises(ValueError, match=r"method hadr: no checkpoint fits: .*21 hand keypoints"):
         restore(color, depth, CAMERA, mask, method="hadr")
@@ -82,7 +86,7 @@ def test_auto_without_a_checkpoint_file_says_so(monkeypatch) -> None:
     color, depth, mask = frame()
     result = restore(color, depth, CAMERA, mask, hand())
     assert result.method == "nearest"
-    assert any("no checkpoint fits" in n and "not HADR" in n for n in result.notes)
+    assert re.search("^no checkpoint fits: .* not HADR$", notes_of(result), re.M)
     with pytest.raises(FileNotFoundError, match=r"no checkpoint at mine.safetensors"):
         restore(color, depth, CAMERA, mask, hand(), checkpoint="mine.safetensors")
 
@@ -108,9 +112,7 @@ def test_nan_and_infinity_count_as_missing_and_are_noted() -> None:
     assert result.depth[1, 0] == 0
     assert "3 pixels of the depth are NaN and count as missing" in result.notes
     assert "1 pixels of the depth are infinite and count as missing" in result.notes
-    assert any(
-        "4 pixels outside the mask have no depth and stay missing" in n for n in result.notes
-    )
+    assert "4 pixels outside the mask have no depth and stay missing" in notes_of(result)
 
 
 @pytest.mark.parametrize("factor", [0.1, 1, 10])
@@ -229,7 +231,7 @@ def test_bad_input_is_one_clear_sentence(case: str) -> None:
 def test_a_hand_beside_the_picture_is_noted() -> None:
     color, depth, mask = frame()
     result = restore(color, depth, CAMERA, mask, hand() + np.array([3, 0, 0]), method="nearest")
-    assert any("project outside of the image" in n for n in result.notes)
+    assert "project outside of the image" in notes_of(result)
 
 
 def small_hadr(hand: str = "3d"):
@@ -282,9 +284,7 @@ def test_hadr_restores_only_the_mask_at_full_size_with_its_probability(tmp_path)
     assert result.depth[mask].max() < 1.4  # plus the leaky clamp's margin along the diagonal
     np.testing.assert_array_equal(result.confidence, ~mask)
     assert "HADR cannot say how sure it is: its confidence is 0" in result.notes
-    assert any(
-        "untrained.safetensors (preset tiny, 0 epochs) ran at 64x40" in n for n in result.notes
-    )
+    assert "untrained.safetensors (preset tiny, 0 epochs) ran at 64x40" in notes_of(result)
     again = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     np.testing.assert_array_equal(result.depth, again.depth)
 
@@ -310,7 +310,7 @@ def test_a_scene_out_of_the_grid_is_left_missing_and_said_so(tmp_path) -> None:
     assert not result.restored.any()
     assert (result.depth[mask] == 0).all()
     assert (result.confidence[mask] == 0).all()
-    assert any("HADR restored nothing" in n for n in result.notes)
+    assert "HADR restored nothing" in notes_of(result)
     assert "400 of 400 pixels of the mask could not be restored" in result.notes
 
 
@@ -323,14 +323,14 @@ def test_measured_depth_in_the_mask_counts_where_it_is_trusted(tmp_path) -> None
         for image in (depth, other)
     )
     assert (first.depth != second.depth).any()
-    assert any("learned from frames without measured depth" in n for n in first.notes)
-    assert any("pixels had a measured depth; it is trusted" in n for n in first.notes)
+    assert "learned from frames without measured depth" in notes_of(first)
+    assert "pixels had a measured depth; it is trusted" in notes_of(first)
     # A checkpoint that learned so takes it without being told.
     path = checkpoint_file(tmp_path, data={"corruption": "sensor"})
     told = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     np.testing.assert_array_equal(told.depth, first.depth)
-    assert not any("learned from" in n for n in told.notes)
-    assert any("pixels had a measured depth; it is trusted" in n for n in told.notes)
+    assert "learned from" not in notes_of(told)
+    assert "pixels had a measured depth; it is trusted" in notes_of(told)
 
 
 @pytest.mark.parametrize(
@@ -425,25 +425,23 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     path = checkpoint_file(tmp_path, "hadr-plus")
     plain = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert plain.tolerance_m is None
-    assert any("never calibrated" in n for n in plain.notes)
+    assert "never calibrated" in notes_of(plain)
     checkpoint_file(tmp_path, "hadr-plus", confidence=RULE)
     unknown = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert unknown.tolerance_m is None
     assert (unknown.confidence[mask] == 0).all()
-    assert any(
-        "plus.safetensors does not say which frames it learned from" in n for n in unknown.notes
-    )
+    assert "plus.safetensors does not say which frames it learned from" in notes_of(unknown)
     assert confidence_means(unknown).startswith("no probability: it is not known")
     checkpoint_file(tmp_path, "hadr-plus", confidence=RULE, ground=ground_of_frame(path))
     sure = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert sure.ground.inside
     assert sure.tolerance_m == 0.02
-    assert not any("never calibrated" in n for n in sure.notes)
+    assert "never calibrated" not in notes_of(sure)
     np.testing.assert_allclose(sure.confidence[sure.restored], 0.3, rtol=1e-6)
     assert (sure.confidence[~mask] == 1).all()
     np.testing.assert_array_equal(sure.depth, plain.depth)
     assert not np.allclose(plain.confidence[sure.restored], 0.3)
-    assert not any("does not fit" in n for n in sure.notes)
+    assert "does not fit" not in notes_of(sure)
     # A hand that lies 60 cm behind what the camera measured there is used, and says so.
     behind = hand() + np.array([0, 0, 0.59])
     away = restore(color, depth, CAMERA, mask, behind, checkpoint=path)
@@ -491,12 +489,9 @@ def test_hadr_plus_keeps_its_depth_beyond_the_learned_range_without_probability(
     np.testing.assert_array_equal(held.depth, free.depth)
     assert free.confidence[free.restored].max() > 0
     assert (held.confidence[mask] == 0).all()
-    assert not any("outside of what it has learned" in note for note in free.notes)
-    assert any(
-        n.endswith("outside of what it has learned (0.20 to 0.30 m), and no probability")
-        for n in held.notes
-    )
-    assert any("at the edge of what it has learned" in note for note in held.notes)
+    assert "outside of what it has learned" not in notes_of(free)
+    assert "outside of what it has learned (0.20 to 0.30 m), and no probability" in notes_of(held)
+    assert "at the edge of what it has learned" in notes_of(held)
 
 
 def test_a_network_that_skips_depth_in_the_mask_does_not_claim_to_trust_it(tmp_path) -> None:
@@ -507,8 +502,8 @@ def test_a_network_that_skips_depth_in_the_mask_does_not_claim_to_trust_it(tmp_p
         for given in ("oracle", "sensor")
     )
     np.testing.assert_array_equal(first.depth, second.depth)
-    assert any("it is not used: HADR-plus looks at none there" in note for note in second.notes)
-    assert not any("learned from frames without" in note for note in second.notes)
+    assert "it is not used: HADR-plus looks at none there" in notes_of(second)
+    assert "learned from frames without" not in notes_of(second)
 
 
 @pytest.mark.parametrize("kind", DEPTH_NETWORKS)
@@ -618,7 +613,7 @@ def test_no_glass_and_no_hand_are_said_and_nothing_is_made_up(tmp_path) -> None:
     no_hand = np.where(skin[..., None], 0, color).astype(np.uint8)
     result = Restorer("auto", path, **finds)(no_hand, depth, CAMERA)
     assert (result.method, result.keypoints) == ("nearest", None)
-    assert any("needs 21 hand keypoints and there are none" in n for n in result.notes)
+    assert "needs 21 hand keypoints and there are none" in notes_of(result)
     with pytest.raises(ValueError, match=r"no checkpoint fits: .*needs 21 hand keypoints"):
         Restorer("hadr", path, **finds)(no_hand, depth, CAMERA)
 
@@ -715,8 +710,8 @@ def test_untrained_networks_of_all_kinds_work_together(tmp_path) -> None:
     assert np.abs(points - points.mean(axis=0)).max() < 0.6
     assert 0.4 < points[:, 2].mean() < 1.0, "in the cube around the hand at 0.7 m"
     assert found.hand.source == "hand.safetensors"
-    assert any("has learned from computed pictures" in note for note in found.notes)
+    assert "has learned from computed pictures" in notes_of(found)
     np.testing.assert_array_equal(found.restored, glass)
     blind = restorer(color, np.where(skin, 0, depth), CAMERA, glass, hand_mask=skin)
     assert blind.keypoints is None
-    assert any("the pixels in which one is seen have no depth" in note for note in blind.notes)
+    assert "the pixels in which one is seen have no depth" in notes_of(blind)

@@ -42,8 +42,7 @@ def refining(config: LIDFConfig = MICRO, seed: int = 0) -> LIDF:
     """A network in stage 2 whose refinement moves points by random lengths."""
     torch.manual_seed(seed)
     model = LIDF(config)
-    assert model.refinement is not None
-    nn.init.normal_(model.refinement.offset_decoder.decoder.rest[-1].weight)  # type: ignore[arg-type]
+    nn.init.normal_(model.refinement.offset_decoder.decoder.rest[-1].weight)
     model.set_stage(2)
     return model.eval()
 
@@ -52,10 +51,9 @@ def moving(offset: float, config: LIDFConfig = MICRO) -> LIDF:
     """A network in stage 2 whose refinement always gives this offset in 0..1 before the clamp."""
     torch.manual_seed(0)
     model = LIDF(config)
-    assert model.refinement is not None
     decoder = model.refinement.offset_decoder
-    nn.init.zeros_(decoder.decoder.rest[-1].weight)  # type: ignore[arg-type]
-    nn.init.constant_(decoder.decoder.rest[-1].bias, (offset - 0.001) / 2)  # type: ignore[arg-type]
+    nn.init.zeros_(decoder.decoder.rest[-1].weight)
+    nn.init.constant_(decoder.decoder.rest[-1].bias, (offset - 0.001) / 2)
     model.set_stage(2)
     return model.eval()
 
@@ -126,7 +124,6 @@ def test_the_offset_spans_the_range_and_is_cut_off_at_its_ends(
 def test_a_cut_off_move_still_has_a_gradient() -> None:
     model = moving(40.0).train()
     model(scene(wall=1.4, glass=1.1)).points.sum().backward()
-    assert model.refinement is not None
     bias = model.refinement.offset_decoder.decoder.rest[-1].bias
     assert isinstance(bias.grad, Tensor)
     assert bias.grad.abs().sum() > 0
@@ -167,7 +164,6 @@ def test_answers_and_their_colours_join_the_points_of_the_voxel_in_which_they_li
 ) -> None:
     model, inputs = refining(replace(MICRO, refine_iterations=1)), scene()
     taken: dict[str, Tensor] = {}
-    assert model.refinement is not None
     encoder = model.refinement.voxel_features
     encode = encoder.forward
 
@@ -176,10 +172,10 @@ def test_answers_and_their_colours_join_the_points_of_the_voxel_in_which_they_li
         return encode(points, color, voxel, centers)
 
     object.__setattr__(encoder, "forward", watch)
-    nn.init.zeros_(model.first.probability_decoder.rest[-1].weight)  # type: ignore[arg-type]
+    nn.init.zeros_(model.first.probability_decoder.rest[-1].weight)
     first = nn.Parameter(torch.tensor([0.25]))  # every first answer lies in a voxel's middle
     model.first.offset_decoder.decoder.rest[-1].bias = first
-    nn.init.zeros_(model.first.offset_decoder.decoder.rest[-1].weight)  # type: ignore[arg-type]
+    nn.init.zeros_(model.first.offset_decoder.decoder.rest[-1].weight)
     true_depth = torch.full_like(inputs.depth, 1.0)  # and that voxel is the wall's
     output = model(inputs, true_depth=true_depth, perturbation_m=perturbation)
     rays = len(output.rays)
@@ -236,7 +232,6 @@ def test_in_stage_1_only_the_first_stage_learns_and_in_stage_2_only_the_refineme
     inputs = scene(2)
     model = LIDF(MICRO).train()
     losses(model(inputs)).backward()
-    assert model.refinement is not None
     assert all(p.grad is None for p in model.refinement.parameters())
     assert all(p.grad is not None for p in model.first.parameters())
 
@@ -255,7 +250,6 @@ def test_a_frozen_first_stage_stays_in_evaluation_mode() -> None:
     model.set_stage(2)
     assert model.train().training
     assert not any(module.training for module in model.first.modules())
-    assert model.refinement is not None
     assert model.refinement.training
     model.set_stage(1)
     assert all(module.training for module in model.first.modules())
@@ -296,8 +290,8 @@ def test_the_stride_stays_8(size: tuple[int, int]) -> None:
 
 def test_kernels_reach_twice_and_four_times_as_far_where_the_stride_is_gone() -> None:
     model = DilatedResNet(SMALL_COLOR)
-    stages = model.resnet.encoder.stages  # type: ignore[union-attr]
-    for stage, stride, dilation in zip(stages, (1, 2, 1, 1), (1, 1, 2, 4), strict=True):  # type: ignore[arg-type]
+    stages = model.resnet.encoder.stages
+    for stage, stride, dilation in zip(stages, (1, 2, 1, 1), (1, 1, 2, 4), strict=True):
         layers = [m for m in stage.modules() if isinstance(m, torch.nn.Conv2d)]
         wide = [layer for layer in layers if layer.kernel_size == (3, 3)]
         assert layers[0].stride == (stride, stride) or stride == 1
