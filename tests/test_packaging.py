@@ -31,15 +31,12 @@ ON_PHYSICAL = {
     "hadr.simulation.trials.trial",
     "hadr.simulation.trials.experiment",
 }
-IMPORT_NAMES = {
-    "cv2": "opencv-python-headless",
-    "yaml": "pyyaml",
-    "pyrender": "scikit-robot-pyrender",
-    "IPython": "ipykernel",
+#: What comes with a dependency that is named.
+COMES_WITH = {
+    "distributed": "dask",
+    "drjit": "mitsuba",
+    "ipython": "ipykernel",
     "nbclient": "papermill",
-    "sklearn": "scikit-learn",
-    "mpl_toolkits": "matplotlib",
-    "jupyter_book": "jupyter-book",
 }
 
 
@@ -143,15 +140,14 @@ def test_everything_the_library_imports_is_a_dependency(on_import):
             lines += extra
     declared = {canonicalize_name(Requirement(r).name) for r in lines}
     physics = {canonicalize_name(Requirement(r).name) for r in extras["handover"]}
-    comes_with = {"distributed": "dask", "drjit": "mitsuba"}
-    declared |= {name for name, parent in comes_with.items() if parent in declared}
+    declared |= {name for name, parent in COMES_WITH.items() if parent in declared}
+    packages = importlib.metadata.packages_distributions()
     missing = {}
     for path in sorted((ROOT / "hadr").rglob("*.py")):
         for name in imported_by(path, on_import=on_import):
-            package = canonicalize_name(IMPORT_NAMES.get(name, "pillow" if name == "PIL" else name))
             allowed = declared | (physics if module_name(path) in PHYSICAL else set())
-            if package not in allowed:
-                missing.setdefault(package, []).append(path.name)
+            if allowed.isdisjoint(map(canonicalize_name, packages.get(name, [name]))):
+                missing.setdefault(name, []).append(path.name)
     assert missing == {}
 
 
