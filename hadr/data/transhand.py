@@ -1,9 +1,8 @@
-"""TransHand-14K on disk: the reader for its layouts, and the writer of frames in the same form.
+"""TransHand-14K on disk: the reader for its layouts; `hadr.data.frame` writes them.
 
 A frame is spread over the folders ``{train,val,test}/{object}/depth/`` ``rgb``, ``depth_np`` or
 ``depth_png``, ``hand_mask``, ``obj_mask`` or ``object_mask``, ``log_json`` and ``hand_kpt``; the
-level ``depth/`` may be missing. The log holds the camera in Blender's convention: it looks along
--z with y up, so camera coordinates in our OpenCV frame are ``diag(1, -1, -1) inverse(T) X``.
+level ``depth/`` may be missing. What a log holds is in `hadr.data.camera_log`.
 """
 
 from __future__ import annotations
