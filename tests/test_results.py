@@ -39,6 +39,16 @@ METHOD = {
 }
 
 
+def page_text(path: str) -> str:
+    return " ".join((ROOT / path).read_text(encoding="utf-8").split())
+
+
+def color_costs(folder: str) -> dict[str, float]:
+    """What another frame's colours cost each method, metres."""
+    rows = read_result_file(RESULTS / folder / "colors.json").rows
+    return {row["method"]: row["others_minus_own"]["mean_difference_m"] for row in rows}
+
+
 def test_the_readmes_table_is_the_result_files() -> None:
     table = read_result_files(RESULTS / "imagenet", "known", "unknown")
     text = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -54,18 +64,17 @@ def test_the_readmes_table_is_the_result_files() -> None:
 
 
 def test_the_readme_says_beside_its_table_with_what_sight_hadr_plus_was_designed() -> None:
-    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    text = page_text("README.md")
     after = text[text.index("| unknown objects") :][:500]
     assert "HADR-plus's design was chosen on validation frames of all eight objects" in after
     rows = read_result_file(RESULTS / "mini" / "hadr-plus-ablation.json")
     assert "known objects" in rows.what  # the eight of the table of known objects
-    report = " ".join((ROOT / "book" / "results.md").read_text(encoding="utf-8").split())
-    assert "validation frames of all eight objects" in report
+    assert "validation frames of all eight objects" in page_text("book/results.md")
 
 
 def test_the_readmes_words_on_predicted_masks_are_the_result_files() -> None:
     chain = read_result_file(RESULTS / "imagenet" / "segmentation.json")
-    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    text = page_text("README.md")
     said = re.search(
         r"HADR reaches ([\d.]+) cm and HADR-plus ([\d.]+) cm, where true ones "
         r"give ([\d.]+) and ([\d.]+)\.",
@@ -81,15 +90,15 @@ def test_the_readmes_words_on_predicted_masks_are_the_result_files() -> None:
 def test_what_is_said_of_networks_that_see_is_so() -> None:
     """README's numbers, and chapter 6's "more than half", "the same error", "four fifths"."""
     folder = RESULTS / "imagenet"
-    known, parts, colors, ablation, ledger = (
+    known, parts, ablation, ledger = (
         read_result_file(folder / f"{name}.json")
-        for name in ("known", "errors", "colors", "ablation", "ledger")
+        for name in ("known", "errors", "ablation", "ledger")
     )
     hadr = known.row(method="hadr")["rmse_m"]
-    cost = {row["method"]: row["others_minus_own"]["mean_difference_m"] for row in colors.rows}
+    cost = color_costs("imagenet")
     alone = ablation.row(method="no-aggregation")
     more = alone["against_full"]["mean_difference_m"]
-    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    text = page_text("README.md")
     said = re.search(
         r"cost HADR ([\d.]+) cm, and aggregating all scales is \[worth ([\d.]+) cm\]", text
     )
@@ -302,19 +311,13 @@ def test_what_chapter_9_says_of_parts_and_colours_is_so() -> None:
     assert -fusion["mean_difference_m"] == pytest.approx(0.0006, abs=0.0002)  # "half a millimetre"
     seeds = {row["method"]: row["seeds"] for row in ablation.rows}
     assert (len(seeds["no-point-fusion"]), len(seeds["full"])) == (2, 3)
-    cost = {
-        row["method"]: row["others_minus_own"]["mean_difference_m"]
-        for row in read_result_file(folder / "colors.json").rows
-    }
+    cost = color_costs("imagenet")
     assert sorted(cost, key=lambda m: -cost[m])[:3] == ["lidf", "hand-2d", "no-hand"]
     looking = ("lidf", "no-hand", "hand-2d", "hadr", "unet-hand", "hadr-plus", "no-point-fusion")
     assert min(cost[m] for m in looking) > cost["swindrnet"] > 0.009
     assert cost["tode"] == pytest.approx(0.002, abs=0.0005)
     assert all(abs(cost[m]) < 0.0005 for m in ("dfnet", "random-encoder"))
-    blind = {
-        row["method"]: row["others_minus_own"]["mean_difference_m"]
-        for row in read_result_file(RESULTS / "mini" / "colors.json").rows
-    }
+    blind = color_costs("mini")
     assert all(abs(blind[m]) < 0.00015 for m in ("hadr", "hadr-long", "hadr-plus", "swindrnet"))
     unknown = read_result_file(RESULTS / "mini" / "unknown.json")
     seeds = {m: unknown.row(method=m)["by_seed"]["rmse_m"] for m in ("hadr", "no-hand")}
@@ -519,10 +522,6 @@ def test_the_handover_has_all_conditions_and_their_attempts_add_up() -> None:
 def attempts_rows() -> dict[str, dict[str, Any]]:
     """As chapter 13 takes them: of each condition the row with the most attempts."""
     return {**handover_rows(), **{r["condition"]: r for r in read_result_file(SEEDS).rows}}
-
-
-def page_text(path: str) -> str:
-    return " ".join((ROOT / path).read_text(encoding="utf-8").split())
 
 
 def percent(row: Mapping[str, Any]) -> str:
