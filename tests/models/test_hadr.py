@@ -10,13 +10,7 @@ from torch import Tensor, nn
 
 from hadr.camera import Intrinsics, back_project
 from hadr.models.backbone import BackboneConfig
-from hadr.models.decoders import (
-    OffsetDecoder,
-    PairDecoder,
-    SplitLinear,
-    encode_position,
-    leaky_clamp,
-)
+from hadr.models.decoders import OffsetDecoder, PairDecoder, encode_position, leaky_clamp
 from hadr.models.hadr import HADR, HADRConfig
 from hadr.models.network_input import (
     HADRInput,
@@ -61,17 +55,6 @@ def test_the_papers_embedding_is_511_wide() -> None:
     first = PairDecoder(config.parts, config.decoder_widths).first
     assert (first.in_features, first.out_features) == (511, 256)
     assert OffsetDecoder(config.parts, config.decoder_widths).decoder.first.in_features == 511 + 16
-
-
-def test_split_linear_equals_the_linear_on_the_concatenation() -> None:
-    torch.manual_seed(0)
-    parts = (7, 4, 5)
-    split = SplitLinear(parts, 6)
-    whole = nn.Linear(16, 6)
-    whole.load_state_dict(split.state_dict())
-    values = [torch.randn(9, width) for width in parts]
-    summed = sum(split.part(n, v) for n, v in enumerate(values)) + split.bias
-    torch.testing.assert_close(summed, whole(torch.cat(values, dim=1)))
 
 
 def test_a_decoder_equals_its_plain_form_on_whole_embeddings() -> None:
