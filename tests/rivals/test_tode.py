@@ -46,19 +46,6 @@ def test_the_published_size_and_large_patches_give_an_image(
         assert large(noise_frames(22, 34)).image.shape == (2, 22, 34)
 
 
-def test_it_looks_at_colour_and_depth_everywhere_and_not_at_the_mask(
-    network: TODETrans, noise_frames
-) -> None:
-    inputs = noise_frames()
-    with torch.no_grad():
-        image = network(inputs).image
-        whole = torch.ones_like(inputs.mask)
-        assert torch.equal(network(replace(inputs, mask=whole)).image, image)
-        nearer = torch.where(inputs.mask, 0.3, inputs.depth)
-        assert not torch.allclose(network(replace(inputs, depth=nearer)).image, image)
-        assert not torch.allclose(network(replace(inputs, color=1 - inputs.color)).image, image)
-
-
 def test_the_transformer_is_given_colour_and_metres_as_they_are(
     network: TODETrans, noise_frames
 ) -> None:
