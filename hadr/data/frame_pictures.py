@@ -32,15 +32,11 @@ _JPEG_MARKER = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])")
 _JPEG_FRAMES = [bytes([code]) for code in range(0xC0, 0xD0) if code not in (0xC4, 0xC8, 0xCC)]
 _BEST = (cv2.IMWRITE_PNG_COMPRESSION, 9)
 # Differences to the left neighbour, or Paeth's. One of them for a whole picture makes depth a
-# tenth smaller than a filter chosen row by row. Old OpenCV can't choose.
-_FILTERS = (
-    [(cv2.IMWRITE_PNG_FILTER, 16), (cv2.IMWRITE_PNG_FILTER, 128)]
-    if hasattr(cv2, "IMWRITE_PNG_FILTER")
-    else [()]
-)
+# tenth smaller than a filter chosen row by row.
+_FILTERS = (cv2.IMWRITE_PNG_FILTER_SUB, cv2.IMWRITE_PNG_FILTER_PAETH)
 
 
-def _encode(extension: str, image: npt.NDArray[Any], options: Sequence[int] = ()) -> bytes:
+def _encode(extension: str, image: npt.NDArray[Any], options: Sequence[int]) -> bytes:
     done, data = cv2.imencode(extension, image, list(options))
     if not done:
         raise ValueError(f"can't encode a picture of shape {image.shape} as {extension}")
@@ -49,7 +45,8 @@ def _encode(extension: str, image: npt.NDArray[Any], options: Sequence[int] = ()
 
 def _smallest_png(steps: npt.NDArray[np.uint16]) -> bytes:
     """Encode steps as 16-bit PNG with the filter that makes it smallest."""
-    return min((_encode(".png", steps, (*_BEST, *one)) for one in _FILTERS), key=len)
+    options = [(*_BEST, cv2.IMWRITE_PNG_FILTER, one) for one in _FILTERS]
+    return min((_encode(".png", steps, chosen) for chosen in options), key=len)
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:
