@@ -131,6 +131,10 @@ def test_depth_is_entering_distance_plus_offset_of_the_diagonal() -> None:
     assert output.depth[0, row, column].item() == pytest.approx(expected.item(), abs=1e-6)
     index = (output.rays == torch.tensor([0, row, column])).all(1).nonzero().item()
     torch.testing.assert_close(output.points[index], direction * expected)
+    assert not output.clamped.any()
+    nn.init.constant_(decoder.rest[-1].bias, 0.5)  # offset 1.001: behind its voxel
+    output = model(inputs, true_depth=true_depth)
+    assert torch.equal(output.clamped, output.restored)
 
 
 def test_true_voxel_where_asked_for_and_most_probable_otherwise() -> None:
