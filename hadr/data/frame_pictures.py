@@ -140,14 +140,12 @@ def encode_depth(depth: Depth, scale: float) -> bytes:
     return _smallest_png(steps)
 
 
-def decode_depth(data: bytes, scale: float | None) -> Depth:
+def decode_depth(data: bytes, scale: float) -> Depth:
     """Decode a 16-bit PNG to metres, (H, W) float32; ``scale`` are metres of one step."""
     steps = decode_image(data, cv2.IMREAD_UNCHANGED)
     if steps.dtype != np.uint16:
         raise ValueError(f"depth must be a 16-bit PNG, got {steps.shape} {steps.dtype}")
-    if not scale:
-        raise ValueError("the log does not name the metres of one step")
-    return ((steps[..., 0] if steps.ndim == 3 else steps) * float(scale)).astype(np.float32)
+    return ((steps[..., 0] if steps.ndim == 3 else steps) * scale).astype(np.float32)
 
 
 @dataclass(frozen=True)
