@@ -12,7 +12,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -45,7 +44,6 @@ from hadr.press.report import (
 )
 from hadr.records.output_folder import check_removable, make_output_folder
 from hadr.records.provenance import machine_text
-from hadr.records.reading import read_json, structured
 from hadr.records.result_file import read_sealed
 from hadr.records.writing import PART, whole_folder, write_whole
 
@@ -104,9 +102,8 @@ def chapter_title(notebook: Path) -> str:
 
 def _entry(notebook: Path) -> str:
     """A chapter's number, and its title as a link."""
-    number = re.match(r"\d+", notebook.name)
-    before = f"{int(number[0])}. " if number else ""
-    return f"{before}[{chapter_title(notebook)}](notebooks/{notebook.name})"
+    number = int(notebook.name[:2])
+    return f"{number}. [{chapter_title(notebook)}](notebooks/{notebook.name})"
 
 
 def stage_notebook(notebook: Any, run_time: str) -> Any:
@@ -332,52 +329,23 @@ def update_readme(readme: Path, table: str) -> None:
     write_whole(readme, f"{before}{begin}\n{table}\n{end}{after}")
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """What is read of a build's record."""
-
-    parameters: dict[str, Any]
-    chapters: dict[str, dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class _Timed:
-    """A chapter's time, seconds, and the machine that took it."""
-
-    duration_s: float
-    machine: str
-
-    def __post_init__(self) -> None:
-        if self.duration_s < 0:
-            raise ValueError(f"duration_s must not be negative, got {self.duration_s}")
-        if not self.machine.isprintable() or set("|<>`") & set(self.machine):
-            raise ValueError(f"machine must be words, got {self.machine!r:.60}")
-
-
 def readme_table(build: Path, root: Path) -> str:
     """The chapters with the run times of the last ``make book``: all, of one machine, at tiny."""
     path = build / "results.json"
-    if not path.exists():
-        raise FileNotFoundError(f"{path} is missing: run `make book` first")
     try:
-        measured = structured(read_json(path), _Measured, path, further=True)
-    except ValueError as error:
-        raise ValueError(f"{error}: run `make book` first") from error
-    preset, timed = measured.parameters.get("preset"), {}
-    for name, one in measured.chapters.items():
-        if {"duration_s", "machine"} <= one.keys():
-            timed[name] = structured(one, _Timed, f"{path}: chapters.{name}", further=True)
-    if preset != "tiny":
+        measured = read_sealed(path)
+    except (FileNotFoundError, ValueError) as error:
+        raise type(error)(f"{error}: run `make book` first") from error
+    if (preset := measured["parameters"]["preset"]) != "tiny":
         raise ValueError(f"{path} has times of preset {preset}, README those of tiny")
+    timed = measured["chapters"]
     notebooks = chapter_paths(root / "notebooks")
     missing = [notebook.stem for notebook in notebooks if notebook.stem not in timed]
     if missing:
         raise ValueError(f"{path} has no time of {', '.join(missing)}: run `make book` first")
-    runs, titles = [], {}
-    for notebook in notebooks:
-        name = notebook.stem
-        runs.append(ChapterRun(name, timed[name].duration_s, notebook, None))
-        titles[name] = _entry(notebook)
-    if len(machines := sorted({timed[run.name].machine for run in runs})) > 1:
+    machines = sorted({timed[notebook.stem]["machine"] for notebook in notebooks})
+    if len(machines) > 1:
         raise ValueError(f"{path} has times of {' and of '.join(machines)}: run `make book` again")
+    runs = [ChapterRun(notebook, timed[notebook.stem]["duration_s"]) for notebook in notebooks]
+    titles = {notebook.stem: _entry(notebook) for notebook in notebooks}
     return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."

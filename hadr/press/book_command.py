@@ -122,7 +122,5 @@ def _runs_of_last_time(build: Path, paths: Sequence[Path]) -> list[ChapterRun]:
         times = structured(
             read_notebook(executed).metadata.get("papermill", {}), _Times, executed, further=True
         )
-        results = build / "results" / path.stem / "results.json"
-        found = results if results.exists() else None
-        runs.append(ChapterRun(path.stem, times.duration or 0.0, executed, found))
+        runs.append(ChapterRun(executed, times.duration or 0.0))
     return runs

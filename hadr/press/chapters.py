@@ -39,12 +39,15 @@ _ANSI = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 @dataclass(frozen=True)
 class ChapterRun:
-    """One executed chapter, such as ``03_ray_voxels``, and its ``results.json`` if it wrote one."""
+    """One executed chapter: its notebook, and the seconds that it took."""
 
-    name: str
-    duration_s: float
     notebook: Path
-    results: Path | None
+    duration_s: float
+
+    @property
+    def name(self) -> str:
+        """Such as ``03_ray_voxels``."""
+        return self.notebook.stem
 
 
 class ChapterError(RuntimeError):
@@ -117,8 +120,7 @@ def run_notebooks(
                     keep_unfinished(folder, target, results)
                 raise
             keep_chapter(folder, configuration, duration, target, results)
-        found = results if results.exists() else None
-        return ChapterRun(notebook.stem, duration, target, found), before is not None
+        return ChapterRun(target, duration), before is not None
 
     runs = []
     with private_jupyter(out_dir / CACHE), ThreadPoolExecutor(jobs) as pool:

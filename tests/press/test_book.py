@@ -10,6 +10,7 @@ import yaml
 from hadr.cli import main
 from hadr.press import book, book_command
 from hadr.press.chapters import ChapterRun
+from hadr.records.result_file import write_sealed
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -137,7 +138,7 @@ def small_book(tmp_path):
     (tmp_path / "executed").mkdir()
     path = tmp_path / "executed" / "00_a.ipynb"
     nbformat.write(executed(), path)
-    return pages, [ChapterRun("00_a", 12.3, path, None)]
+    return pages, [ChapterRun(path, 12.3)]
 
 
 def test_staging_puts_notebooks_where_the_repository_has_them(small_book, tmp_path):
@@ -192,19 +193,21 @@ def test_the_readme_table_comes_from_the_measurement(tmp_path):
         book.readme_table(tmp_path, tmp_path)
     gone = {"duration_s": 5.0, "machine": "four cores"}  # a chapter that was renamed since
     chapters = {"00_a": {"duration_s": 61.2, "machine": "two cores"}, "00_old": gone}
-    (tmp_path / "results.json").write_text(
-        json.dumps({"parameters": {"preset": "tiny"}, "chapters": chapters})
-    )
+    record = {"parameters": {"preset": "tiny"}, "chapters": chapters, "provenance": {}}
+    write_sealed(tmp_path / "results.json", record)
     table = book.readme_table(tmp_path, tmp_path)
     assert "00_old" not in table
     assert "| 0. [A *title*](notebooks/00_a.ipynb) | 1 min 01 s |" in table
     assert table.endswith("Measured on two cores.")
+    record["chapters"]["00_a"]["duration_s"] = 1.0
+    (tmp_path / "results.json").write_text(json.dumps(record))
+    with pytest.raises(ValueError, match=r"provenance: lacks sha256: run `make book` first"):
+        book.readme_table(tmp_path, tmp_path)
 
 
 @pytest.mark.parametrize(
     ("preset", "chapters", "says"),
     [
-        ("tiny", {}, "results.json: must be named values, got []: run `make book` first"),
         ("mini", {"00_a": "one core"}, "has times of preset mini, README those of tiny"),
         ("tiny", {"01_b": "one core"}, "results.json has no time of 00_a: run `make book` first"),
         ("tiny", {"00_a": "one core", "01_b": "two cores"}, "of one core and of two cores: run"),
@@ -220,8 +223,8 @@ def test_times_of_some_chapters_or_of_two_machines_are_no_table(
     (tmp_path / "README.md").write_text(readme)
     (tmp_path / "build").mkdir()
     timed = {name: {"duration_s": 1.0, "machine": where} for name, where in chapters.items()}
-    record = {"parameters": {"preset": preset}, "chapters": timed}
-    (tmp_path / "build" / "results.json").write_text(json.dumps(record) if chapters else "[]")
+    record = {"parameters": {"preset": preset}, "chapters": timed, "provenance": {}}
+    write_sealed(tmp_path / "build" / "results.json", record)
     monkeypatch.setattr(book_command, "checkout_root", lambda: tmp_path)
     assert main(["book", "--build", str(tmp_path / "build"), "--readme-times"]) == 2
     told = capsys.readouterr().err

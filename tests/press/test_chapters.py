@@ -28,7 +28,7 @@ def test_parameters_reach_the_notebook_and_results_come_back(folder, tmp_path, m
     assert 0 < runs[0].duration_s < 120
     assert len(told) == 1
     assert "00_good" in told[0]
-    results = json.loads(runs[0].results.read_text())
+    results = json.loads((out / "results" / "00_good" / "results.json").read_text())
     assert results["results"] == {"seed": 4, "preset": "mini"}
     assert results["provenance"]["versions"]["numpy"] == np.__version__
     assert nbformat.read(folder / "00_good.ipynb", 4).cells[2].outputs == []
@@ -147,6 +147,6 @@ def test_what_is_no_notebook_is_named(tmp_path, text, capsys):
 
 
 def test_table_of_run_times():
-    runs = [ChapterRun("00_a", 1.0, Path(), None), ChapterRun("01_b", 70.0, Path(), None)]
+    runs = [ChapterRun(Path("00_a.ipynb"), 1.0), ChapterRun(Path("01_b.ipynb"), 70.0)]
     table = chapters.run_time_table(runs, {"00_a": "[A](a)"}).splitlines()
     assert table[2:] == ["| [A](a) | 1.0 s |", "| 01_b | 1 min 10 s |", "| together | 1 min 11 s |"]
