@@ -28,6 +28,14 @@ _DOC = re.compile(r"\{doc\}`(?:([^`<]+?)\s*<([^`>]+)>|([^`]+))`")
 _NUMBER = re.compile(r"\{numref\}`[^`]+`")
 _TABLE = re.compile(r"^:::\{table\} (.+)\n(?::name: .+\n)?\n(?s:(.+?))^:::$", re.MULTILINE)
 _PAGE = re.compile(r"\]\(\.\./([\w/-]+\.md)(#[\w-]+)?\)")
+_WORTH = {
+    1: "00-1 01-1 01-2 01-3 02-2 04-2 05-2 06-1 06-3 07-1 08-1 08-4 09-1 10-1 10-3 11-1 11-2 12-1 "
+    "13-1 13-2",
+    3: "03-3 08-3 11-3 12-3",
+}
+MARKS = {f"ex-{name}": marks for marks, listed in _WORTH.items() for name in listed.split()}
+"""Exercises that are not worth two marks: one for pencil and paper, three for a small experiment of
+one's own."""
 
 
 @dataclass(frozen=True)
@@ -48,16 +56,28 @@ class Piece:
 class Exercise:
     """One exercise of a chapter: question and words of the solution as Markdown, cells as code.
 
-    The label, such as ``ex-03-1``, is that of the book.
+    The label, such as ``ex-03-1``, is that of the book, and the number, such as ``3.1``, the one
+    that its pages show.
     """
 
     label: str
+    number: str
     title: str
     question: str
     answer: str
     check: str
     words: str
     solution: tuple[str, ...]
+
+    @property
+    def marks(self) -> int:
+        """What a right answer is worth."""
+        return MARKS.get(self.label, 2)
+
+    @property
+    def marks_text(self) -> str:
+        """The marks in words: ``1 mark``, ``2 marks``."""
+        return "1 mark" if self.marks == 1 else f"{self.marks} marks"
 
 
 @dataclass(frozen=True)
@@ -94,7 +114,10 @@ def read_chapter(path: Path) -> Chapter:
         title=title.group(1).strip(),
         goals=tuple(" ".join(goal.split()).rstrip(".;") for goal in listed),
         pieces=tuple(pieces),
-        exercises=tuple(_exercise(pieces, titles, label, path.name) for label in titles),
+        exercises=tuple(
+            _exercise(pieces, label, f"{int(path.stem[:2])}.{place}", words, path.name)
+            for place, (label, words) in enumerate(titles.items(), start=1)
+        ),
     )
 
 
@@ -146,9 +169,7 @@ def _add_prose(pieces: list[Piece], kind: Kind, text: str, label: str) -> None:
         pieces.append(Piece(kind, text.strip(), {}, inside))
 
 
-def _exercise(
-    pieces: Sequence[Piece], titles: Mapping[str, str], label: str, name: str
-) -> Exercise:
+def _exercise(pieces: Sequence[Piece], label: str, number: str, title: str, name: str) -> Exercise:
     by_kind: dict[str, list[str]] = {}
     for piece in (piece for piece in pieces if piece.label == label):
         key = "code" if piece.kind == "solution" and piece.is_code else piece.kind
@@ -165,7 +186,8 @@ def _exercise(
     last_call(by_kind["code"][-1], f"{name}: the solution of {label}")
     return Exercise(
         label=label,
-        title=titles[label],
+        number=number,
+        title=title,
         question="\n\n".join(by_kind["question"]),
         answer=by_kind["answer"][0],
         check=by_kind["check"][0],
@@ -187,11 +209,6 @@ def last_call(source: str, what: str) -> ast.Call:
     ):
         return last.value
     raise ValueError(f"{what} must end with check(...), got {source.splitlines()[-1:]}")
-
-
-def marks_text(marks: int) -> str:
-    """Marks in words: ``1 mark``, ``2 marks``."""
-    return "1 mark" if marks == 1 else f"{marks} marks"
 
 
 def hints(exercise: Exercise) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ class Options:
 
 def run(options: Options) -> int:
     """Write a course as the options say."""
-    from hadr.press.course.teaching import NBGRADER_CONFIG, instructor_text, marks_of
+    from hadr.press.course.teaching import NBGRADER_CONFIG, instructor_text
 
     if options.no_slides and options.executed is not None:
         raise ValueError("--executed has the figures of slides: it does not go with --no-slides")
@@ -77,26 +77,24 @@ def run(options: Options) -> int:
         raise ValueError(
             f"slides need {', '.join(missing)}: pip install -e '.[book]', or --no-slides"
         )
-    marks = {exercise.label: marks_of(exercise) for c in every for exercise in c.exercises}
     plain = plainer(root)
     about = {"preset": options.preset, "seed": options.seed, "chapters": [c.name for c in chapters]}
     try:
         with written_whole(options.out, about) as folder:
-            write_notebooks(folder, chapters, marks, options.preset, options.seed, plain)
+            write_notebooks(folder, chapters, options.preset, options.seed, plain)
             text = plain(instructor_text(chapters, every))
             (folder / "instructor.md").write_text(text, encoding="utf-8")
             (folder / "nbgrader_config.py").write_text(NBGRADER_CONFIG, encoding="utf-8")
             if not options.no_slides:
                 with tempfile.TemporaryDirectory() as work:
                     executed = _executed(options, chapters, folder / "solutions", Path(work))
-                    build_slides(chapters, executed, marks, plain, Path(work) / "slides",
-                                 folder / "slides")  # fmt: skip
+                    slides = Path(work) / "slides"
+                    build_slides(chapters, executed, plain, slides, folder / "slides")
     except (ChapterError, RuntimeError) as error:
         raise ValueError(str(error)) from error
-    labels = [exercise.label for chapter in chapters for exercise in chapter.exercises]
-    total = sum(marks[label] for label in labels)
+    marks = [exercise.marks for chapter in chapters for exercise in chapter.exercises]
     count = "1 chapter" if len(chapters) == 1 else f"{len(chapters)} chapters"
-    print(f"{count}, {len(labels)} exercises, {total} marks: {options.out}")
+    print(f"{count}, {len(marks)} exercises, {sum(marks)} marks: {options.out}")
     return 0
 
 
@@ -112,7 +110,6 @@ def plainer(root: Path) -> Callable[[str], str]:
 def write_notebooks(
     folder: Path,
     chapters: Sequence[Chapter],
-    marks: dict[str, int],
     preset: str,
     seed: int,
     plain: Callable[[str], str],
@@ -122,16 +119,13 @@ def write_notebooks(
 
     for chapter in chapters:
         for part, solved in (("student", False), ("solutions", True)):
-            text = course_notebook(
-                chapter, marks, solved=solved, preset=preset, seed=seed, plain=plain
-            )
+            text = course_notebook(chapter, solved=solved, preset=preset, seed=seed, plain=plain)
             (folder / part).mkdir(exist_ok=True)
             (folder / part / f"{chapter.name}.ipynb").write_text(text, encoding="utf-8")
         tests = folder / "tests" / chapter.name
         tests.mkdir(parents=True)
         for exercise in chapter.exercises:
-            test = otter_test(exercise, marks[exercise.label])
-            (tests / f"{exercise.label}.py").write_text(test, encoding="utf-8")
+            (tests / f"{exercise.label}.py").write_text(otter_test(exercise), encoding="utf-8")
 
 
 def _executed(

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from hadr.press.course.chapter import Chapter, Exercise, last_call, marks_text
+from hadr.press.course.chapter import Chapter, Exercise, last_call
 from hadr.press.notebook_twins import KERNELSPEC
 
 NBGRADER_SCHEMA = 3
@@ -67,7 +67,7 @@ def _verdict(exercise: Exercise) -> list[str]:
     return lines
 
 
-def otter_test(exercise: Exercise, points: int) -> str:
+def otter_test(exercise: Exercise) -> str:
     """A test file of otter-grader, in its exception-based format: it runs the exercise's check."""
     body = "".join(f"    {line!r},\n" for line in _verdict(exercise))
     return (
@@ -76,9 +76,9 @@ def otter_test(exercise: Exercise, points: int) -> str:
         "from hadr.press.exercises import check\n\n"
         "OK_FORMAT = False\n\n"
         f'name = "{exercise.label}"\n'
-        f"points = {points}\n\n"
+        f"points = {exercise.marks}\n\n"
         f"CHECK = [\n{body}]\n\n\n"
-        f"@test_case(points={points}, hidden=False)\n"
+        f"@test_case(points={exercise.marks}, hidden=False)\n"
         "def test_answer(env):\n"
         "    scope = {**env, 'check': check}\n"
         '    exec("\\n".join(CHECK), scope)\n'
@@ -87,13 +87,7 @@ def otter_test(exercise: Exercise, points: int) -> str:
 
 
 def course_notebook(
-    chapter: Chapter,
-    points: Mapping[str, int],
-    *,
-    solved: bool,
-    preset: str,
-    seed: int,
-    plain: Callable[[str], str],
+    chapter: Chapter, *, solved: bool, preset: str, seed: int, plain: Callable[[str], str]
 ) -> str:
     """Write a chapter's notebook for a course."""
     import nbformat
@@ -114,14 +108,15 @@ def course_notebook(
             else:
                 add("markdown", plain(source), {})
         elif piece.kind == "question":
-            text = _question(exercise, chapter, points[exercise.label], plain)
+            head = f"### Exercise {exercise.number}: {exercise.title} ({exercise.marks_text})"
+            text = f"{head}\n\n{plain(exercise.question)}"
             add("markdown", text, _marked(f"{exercise.label}-question", "markdown"))
         elif piece.kind == "answer":
             text = solution_answer(exercise) if solved else student_answer(exercise)
             marked = _marked(f"{exercise.label}-answer", "code", solution=True)
             add("code", text, marked | (_figure_of(chapter, exercise) if solved else {}))
         elif piece.kind == "check":
-            marked = _marked(f"{exercise.label}-check", "code", points=points[exercise.label])
+            marked = _marked(f"{exercise.label}-check", "code", points=exercise.marks)
             closed = {} if solved else {"jupyter": {"source_hidden": True}}
             add("code", check_cell(exercise, hidden_test=solved), marked | closed)
             if solved:
@@ -155,14 +150,6 @@ def _figure_of(chapter: Chapter, exercise: Exercise) -> dict[str, Any]:
     """Alternative text of a figure that the solution draws."""
     own = [p for p in chapter.pieces if p.label == exercise.label and p.kind == "solution"]
     return next(({"mystnb": p.metadata["mystnb"]} for p in own if "mystnb" in p.metadata), {})
-
-
-def _question(
-    exercise: Exercise, chapter: Chapter, points: int, plain: Callable[[str], str]
-) -> str:
-    place = [one.label for one in chapter.exercises].index(exercise.label) + 1
-    head = f"### Exercise {chapter.number}.{place}: {exercise.title} ({marks_text(points)})"
-    return f"{head}\n\n{plain(exercise.question)}"
 
 
 def _with_parameters(source: str, metadata: Mapping[str, Any], preset: str, seed: int) -> str:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hadr.press.chapters import read_notebook
-from hadr.press.course.chapter import Chapter, Piece, marks_text
+from hadr.press.course.chapter import Chapter, Piece
 
 MOST_FIGURES = 3
 MOST_FORMULAS = 2
@@ -80,7 +80,6 @@ def pictures_of(executed: Path, chapter: Chapter, folder: Path) -> dict[str, str
         for cell in read_notebook(executed).cells
         if cell.cell_type == "code"
     }
-    folder.mkdir(parents=True, exist_ok=True)
     found: dict[str, str] = {}
     for piece in chapter.pieces:
         if not piece.is_code or piece.label or "image" not in piece.metadata.get("mystnb", {}):
@@ -103,7 +102,6 @@ def pictures_of(executed: Path, chapter: Chapter, folder: Path) -> dict[str, str
 def build_slides(
     chapters: Sequence[Chapter],
     executed: Mapping[str, Path],
-    marks: Mapping[str, int],
     plain: Callable[[str], str],
     work: Path,
     target: Path,
@@ -114,9 +112,8 @@ def build_slides(
     (source / "conf.py").write_text(_CONF, encoding="utf-8")
     (source / "_static" / "course.css").write_text(_STYLE, encoding="utf-8")
     for chapter in chapters:
-        notebook = executed.get(chapter.name)
-        drawn = {} if notebook is None else pictures_of(notebook, chapter, source)
-        deck = deck_text(chapter, drawn, marks, plain)
+        drawn = pictures_of(executed[chapter.name], chapter, source)
+        deck = deck_text(chapter, drawn, plain)
         (source / f"{chapter.name}.md").write_text(deck, encoding="utf-8")
     links = "\n".join(f"- [{chapter.title}]({chapter.name}.md)" for chapter in chapters)
     names = "\n".join(chapter.name for chapter in chapters)
@@ -194,12 +191,7 @@ def sentences(text: str) -> list[str]:
     return [part.strip() for part in whole if part.strip()]
 
 
-def deck_text(
-    chapter: Chapter,
-    pictures: Mapping[str, str],
-    marks: Mapping[str, int],
-    plain: Callable[[str], str],
-) -> str:
+def deck_text(chapter: Chapter, pictures: Mapping[str, str], plain: Callable[[str], str]) -> str:
     """Write a chapter's deck as MyST Markdown: ``#`` and ``##`` begin columns, ``###`` slides.
 
     Pictures are files, relative to the deck, by the code of the cell that drew them.
@@ -214,7 +206,7 @@ def deck_text(
         if heading not in ("Exercises", "Summary"):
             slides += _column(section, pictures)
     listed = "\n".join(
-        f"{place}. {exercise.title} ({marks_text(marks[exercise.label])})"
+        f"{place}. {exercise.title} ({exercise.marks_text})"
         for place, exercise in enumerate(chapter.exercises, start=1)
     )
     slides.append(f"## Exercises\n\n{listed}")

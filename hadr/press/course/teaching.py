@@ -10,18 +10,8 @@ from dataclasses import dataclass
 import pandas as pd
 
 from hadr.figures.tables.results import markdown
-from hadr.press.course.chapter import Chapter, Exercise, hints, marks_text
+from hadr.press.course.chapter import Chapter, hints
 from hadr.press.course.graded import STUB
-
-DEFAULT_MARKS = 2
-WORTH = {
-    1: "00-1 01-1 01-2 01-3 02-2 04-2 05-2 06-1 06-3 07-1 08-1 08-4 09-1 10-1 10-3 11-1 11-2 12-1 "
-    "13-1 13-2",
-    3: "03-3 08-3 11-3 12-3",
-}
-"""Exercises that are not worth two marks: one for pencil and paper, three for a small experiment of
-one's own."""
-MARKS = {f"ex-{name}": marks for marks, listed in WORTH.items() for name in listed.split()}
 
 
 @dataclass(frozen=True)
@@ -115,25 +105,10 @@ PLANS = (
 )  # fmt: skip
 
 
-def marks_of(exercise: Exercise) -> int:
-    """The marks of an exercise; one that the table does not name is worth two."""
-    return MARKS.get(exercise.label, DEFAULT_MARKS)
-
-
-def numbers_in_the_book(chapters: Sequence[Chapter]) -> dict[str, str]:
-    """The number that the book's pages show above each exercise, such as "4.3", by label."""
-    return {
-        exercise.label: f"{chapter.number}.{place}"
-        for chapter in chapters
-        for place, exercise in enumerate(chapter.exercises, start=1)
-    }
-
-
 def plans_text(chapters: Sequence[Chapter]) -> str:
     """The plans as Markdown tables; exercises are named by number and title."""
-    numbers = numbers_in_the_book(chapters)
     exercises = [exercise for chapter in chapters for exercise in chapter.exercises]
-    titles = {each.label: f"{numbers[each.label]} {each.title}" for each in exercises}
+    titles = {each.label: f"{each.number} {each.title}" for each in exercises}
     parts = []
     for plan in PLANS:
         rows = []
@@ -150,15 +125,11 @@ def plans_text(chapters: Sequence[Chapter]) -> str:
     return "\n\n".join(parts)
 
 
-def chapters_text(
-    chapters: Sequence[Chapter],
-    link: Callable[[Chapter], str],
-) -> str:
+def chapters_text(chapters: Sequence[Chapter], link: Callable[[Chapter], str]) -> str:
     """Goals, exercises, marks and common mistakes of each chapter, as Markdown with links."""
-    numbers = numbers_in_the_book(chapters)
     parts = []
     for chapter in chapters:
-        total = sum(marks_of(exercise) for exercise in chapter.exercises)
+        total = sum(exercise.marks for exercise in chapter.exercises)
         lines = [
             f"### {chapter.number}. [{chapter.title}]({link(chapter)})",
             "After it, a student can",
@@ -167,8 +138,7 @@ def chapters_text(
         ]
         listed = []
         for exercise in chapter.exercises:
-            marks = marks_text(marks_of(exercise))
-            head = f"- **{numbers[exercise.label]} {exercise.title}** ({marks})"
+            head = f"- **{exercise.number} {exercise.title}** ({exercise.marks_text})"
             listed.append("\n".join([head, *(f"  - {hint}" for hint in hints(exercise))]))
         parts.append("\n\n".join([*lines, "\n".join(listed)]))
     return "\n\n".join(parts)

@@ -82,7 +82,7 @@ def small(small_notebook):
     return read_chapter(small_notebook())
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def root():
     return ROOT
 

@@ -97,11 +97,9 @@ def test_an_exercise_without_check_or_label_is_named(small_notebook):
         )
 
 
-def test_every_chapter_of_the_book_can_be_read(root):
-    paths = sorted((root / "notebooks").glob("[0-9]*.ipynb"))
-    assert len(paths) >= 12
-    for path in paths:
-        chapter = read_chapter(path)
+def test_every_chapter_of_the_book_can_be_read(book):
+    assert len(book) >= 12
+    for chapter in book:
         assert 2 <= len(chapter.goals) <= 8
         assert 2 <= len(chapter.exercises) <= 5
 

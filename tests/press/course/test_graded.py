@@ -42,10 +42,9 @@ NBGRADER_CELL = {
 }
 
 
-def notebook_of(chapter, *, solved, marks=None, **options):
-    points = marks or {exercise.label: 2 for exercise in chapter.exercises}
+def notebook_of(chapter, *, solved, **options):
     options = {"preset": "tiny", "seed": 0, "plain": str, **options}
-    return nbformat.reads(course_notebook(chapter, points, solved=solved, **options), 4)
+    return nbformat.reads(course_notebook(chapter, solved=solved, **options), 4)
 
 
 def marked(notebook):
@@ -121,7 +120,7 @@ def test_parameters_and_run_time(small):
 @pytest.mark.parametrize("solved", [False, True])
 def test_metadata_is_nbgraders(small, solved):
     """Its schema, and the rules of its validator that a schema cannot say."""
-    notebook = notebook_of(small, solved=solved, marks={"ex-07-1": 3})
+    notebook = notebook_of(small, solved=solved)
     ids = [c.metadata.nbgrader.grade_id for c in notebook.cells if "nbgrader" in c.metadata]
     assert len(ids) == len(set(ids)) == 3
     for cell in marked(notebook).values():
@@ -140,13 +139,12 @@ def test_metadata_is_nbgraders(small, solved):
         "ex-07-1-answer": (False, True),
         "ex-07-1-check": (True, False),
     }
-    assert marked(notebook)["ex-07-1-check"].metadata.nbgrader.points == 3
-    assert "(3 marks)" in marked(notebook)["ex-07-1-question"].source
+    assert marked(notebook)["ex-07-1-check"].metadata.nbgrader.points == 1
+    assert "(1 mark)" in marked(notebook)["ex-07-1-question"].source
 
 
-def test_every_chapter_is_what_nbgrader_releases_from_its_solutions(root):
-    for path in sorted((root / "notebooks").glob("[0-9]*.ipynb")):
-        chapter = read_chapter(path)
+def test_every_chapter_is_what_nbgrader_releases_from_its_solutions(book):
+    for chapter in book:
         student = marked(notebook_of(chapter, solved=False))
         source = marked(released(notebook_of(chapter, solved=True)))
         assert len(student) == 3 * len(chapter.exercises)
@@ -185,10 +183,10 @@ def otter(monkeypatch):
 
 def test_a_test_file_for_otter(small, otter):
     scope = {}
-    exec(otter_test(small.exercises[0], 3), scope)  # otter compiles the text and reads its names
-    assert (scope["OK_FORMAT"], scope["name"], scope["points"]) == (False, "ex-07-1", 3)
+    exec(otter_test(small.exercises[0]), scope)  # otter compiles the text and reads its names
+    assert (scope["OK_FORMAT"], scope["name"], scope["points"]) == (False, "ex-07-1", 1)
     (case,) = [value for value in scope.values() if isinstance(value, otter)]
-    assert (case.points, case.hidden) == (3, False)
+    assert (case.points, case.hidden) == (1, False)
     case.function(env={"answer_07_1": 6})
     with pytest.raises(AssertionError, match="That is the square"):
         case.function(env={"answer_07_1": 9})
