@@ -118,10 +118,7 @@ def _code(notebook: Path) -> str:
 @cache
 def _data() -> dict[str, str]:
     """Checksums of the result files and of the samples that chapters read."""
-    try:
-        root = checkout_root()
-    except FileNotFoundError:
-        return {}
+    root = checkout_root()
     files = sorted(path for path in (root / "results").rglob("*") if path.is_file())
     manifest = root / "data_samples" / "manifest.json"
     return {"results": _digest(files), "samples": _digest([manifest])}

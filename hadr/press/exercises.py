@@ -62,13 +62,6 @@ def _same_words(answer: Any, expected: Any) -> bool:
     return given.shape == target.shape and bool(np.all(given == target))
 
 
-def _pairs(wrong: Iterable[tuple[npt.ArrayLike, str]]) -> list[tuple[npt.ArrayLike, str]]:
-    pairs = list(wrong)
-    if not all(isinstance(pair, tuple) and len(pair) == 2 for pair in pairs):
-        raise ValueError(f"wrong must list pairs (value, 'hint'), got {wrong!r}")
-    return pairs
-
-
 def check(
     answer: Any,
     expected: npt.ArrayLike,
@@ -92,7 +85,9 @@ def check(
     Raises:
         ValueError: ``wrong`` does not list pairs, whatever the answer is.
     """
-    wrong = _pairs(wrong)
+    wrong = list(wrong)
+    if not all(isinstance(pair, tuple) and len(pair) == 2 for pair in wrong):
+        raise ValueError(f"wrong must list pairs (value, 'hint'), got {wrong!r}")
     if answer is ...:
         return Verdict("open", "Not answered yet: put your result in place of the three dots.")
     target = np.asarray(expected)

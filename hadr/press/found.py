@@ -133,19 +133,16 @@ def _depth_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
 def _second(file: ResultFile, printed: Mapping[str, Sequence[float]]) -> Iterator[Claim]:
     """The two metrics in which the paper has SwinDRNet before HADR; they have no standard error."""
     ours, rival = file.row(method="hadr"), file.row(method="swindrnet")
-    places = {name: list(METRICS).index(name) for name in ("rel", "delta_125")}
-    less = {"rel": ours["rel"] > rival["rel"], "delta_125": ours["delta_125"] < rival["delta_125"]}
-    word = AGREES if all(less.values()) else UNDECIDED
+    behind = ours["rel"] > rival["rel"] and ours["delta_125"] < rival["delta_125"]
+    word = AGREES if behind else UNDECIDED
+    theirs = [dict(zip(METRICS, printed[name], strict=True)) for name in ("HADR", "SwinDRNet")]
     told = [
         "; ".join(
-            f"{METRICS[name].heading}: {METRICS[name].text(one(name))} and "
-            f"{METRICS[name].text(other(name))}"
-            for name in places
+            f"{metric.heading}: {metric.text(one[name])} and {metric.text(other[name])}"
+            for name, metric in METRICS.items()
+            if name in ("rel", "delta_125")
         )
-        for one, other in (
-            (lambda n: printed["HADR"][places[n]], lambda n: printed["SwinDRNet"][places[n]]),
-            (ours.__getitem__, rival.__getitem__),
-        )
+        for one, other in (theirs, (ours, rival))
     ]
     yield Claim(
         "SwinDRNet a little before HADR in two metrics",

@@ -19,12 +19,6 @@ from hadr.records.checkout import checkout_root
 from hadr.records.writing import write_whole
 
 KERNELSPEC = {"display_name": "Python 3", "language": "python", "name": "python3"}
-TEXT_HEADER = {
-    "extension": ".md",
-    "format_name": "myst",
-}
-
-
 COLAB = """\
 # On Colab only: fetch the book, install its library, compare its samples with their checksums.
 import os
@@ -84,7 +78,9 @@ def serialise(notebook: Any) -> str:
     content = {
         "cells": cells,
         "metadata": {
-            "jupytext": {"text_representation": TEXT_HEADER},
+            "jupytext": {
+                "text_representation": {"extension": ".md", "format_name": "myst"},
+            },
             "kernelspec": KERNELSPEC,
             "language_info": {"name": "python"},
         },

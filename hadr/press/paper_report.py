@@ -61,16 +61,12 @@ def report(results: str | Path, published: str | Path, size: str = "mini") -> st
                 }
                 section = _depth(name, file, theirs, size)
             sees = ", networks that see" * (size == "imagenet")
-            parts.append(f"## {title}{sees}\n\n{section}\n\n{_origin(path)}")
-    if not parts:
-        raise ValueError(f"{results} has none of the files {', '.join(TITLES)}")
+            parts.append(f"## {title}{sees}\n\n{section}\n\n{_origin(path, file.provenance)}")
     return "\n\n".join(parts) + "\n"
 
 
-def _origin(path: Path) -> str:
+def _origin(path: Path, told: Mapping[str, Any]) -> str:
     """The file's own provenance, in a sentence."""
-    file = read_result_file(path)
-    told = file.provenance
     versions = ", ".join(
         f"{title} {told['versions'][name]}"
         for name, title in (("torch", "PyTorch"), ("numpy", "NumPy"), ("mujoco", "MuJoCo"))

@@ -143,8 +143,3 @@ def test_few_attempts_are_not_subtracted_from_48(tmp_path: Path) -> None:
     assert block["ours"][0] == "1/1"
     assert block["difference"] == ["-", "+29.2", "-", "-", "-"]
     assert "--objects 0004" in block["origin"]["command"]
-
-
-def test_a_folder_without_tables_has_no_report(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="none of the files known, unknown, ablation, handover"):
-        report(tmp_path, PUBLISHED)
