@@ -1,7 +1,6 @@
 """The book's widgets with a live kernel: JupyterLab in a browser, a slider that is moved."""
 
 import base64
-import importlib.util
 import json
 import os
 import secrets
@@ -11,7 +10,6 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -20,8 +18,12 @@ import numpy as np
 import psutil
 import pytest
 
+from hadr.press.chapters import private_jupyter
+from hadr.press.notebook_twins import KERNELSPEC
+
 ROOT = Path(__file__).resolve().parents[2]
-LAB = [sys.executable, "-m", "jupyterlab"]
+PATIENCE = 180.0
+"""Seconds that the server, a kernel or the page may take."""
 
 pytestmark = pytest.mark.browser
 
@@ -31,6 +33,7 @@ row, column = np.mgrid[:48, :64]
 mask = (abs(row - 24) < 14) & (abs(column - 32) < 9)
 wall = np.full((48, 64), 0.9)
 corrupt_glass(np.where(mask, 0.5, wall), wall, mask)"""
+NAME = "glass.ipynb"
 CELL = ".jp-Notebook .jp-Cell .cm-content"
 HANDLE = ".jp-OutputArea .widget-slider [role=slider]"
 OUTPUT = ".jp-OutputArea .widget-output"
@@ -47,15 +50,12 @@ def check(condition, what, seconds, told=lambda: ""):
 
 
 class Server:
-    """A Jupyter server of its own: free port, token, and no folder of the user's.
+    """A JupyterLab of its own: free port, token, and no folder of the user's.
 
-    Args:
-        folder: Holds the notebooks below ``notebooks`` and all that the server writes.
-        command: What starts it.
-        patience: Seconds that it may take to answer.
+    The folder holds the notebooks below ``notebooks`` and all that the server writes.
     """
 
-    def __init__(self, folder, command, patience=120.0):
+    def __init__(self, folder):
         self.token = secrets.token_hex(16)
         self.notebooks = folder / "notebooks"
         self.log = folder / "server.log"
@@ -68,19 +68,13 @@ class Server:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
-        own = {
-            "JUPYTER_CONFIG_DIR": "config",
-            "JUPYTER_DATA_DIR": "data",
-            "JUPYTER_RUNTIME_DIR": "runtime",
-            "JUPYTERLAB_SETTINGS_DIR": "settings",
-            "JUPYTERLAB_WORKSPACES_DIR": "workspaces",
-            "IPYTHONDIR": "ipython",
-            "MPLCONFIGDIR": "matplotlib",
-        }
-        surroundings = {k: v for k, v in os.environ.items() if k != "MPLBACKEND"}
-        surroundings |= {name: str(folder / part) for name, part in own.items()}
         paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
-        surroundings["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
+        own = {
+            "JUPYTER_DATA_DIR": str(folder / "data"),
+            "JUPYTERLAB_SETTINGS_DIR": str(folder / "settings"),
+            "JUPYTERLAB_WORKSPACES_DIR": str(folder / "workspaces"),
+            "PYTHONPATH": os.pathsep.join(filter(None, paths)),
+        }
         options = [
             "--no-browser",
             "--allow-root",
@@ -91,12 +85,13 @@ class Server:
             f"--ServerApp.root_dir={self.notebooks}",
             f"--IdentityProvider.token={self.token}",
         ]
-        with self.log.open("wb") as log:
+        command = [sys.executable, "-m", "jupyterlab", *options]
+        with self.log.open("wb") as log, private_jupyter(folder):
             self.process = subprocess.Popen(
-                [*command, *options], cwd=folder, env=surroundings, stdout=log, stderr=log
+                command, cwd=folder, env=os.environ | own, stdout=log, stderr=log
             )
         try:
-            check(self._answers, "the Jupyter server answers", patience, self.tail)
+            check(self._answers, "the Jupyter server answers", PATIENCE, self.tail)
         except BaseException:
             self.close()
             raise
@@ -123,12 +118,10 @@ class Server:
         except (urllib.error.URLError, OSError, ValueError):
             return False
 
-    def idle(self, name):
+    def idle(self):
         """Whether the notebook has a kernel that waits for work."""
-        return any(
-            session["path"] == name and session["kernel"]["execution_state"] == "idle"
-            for session in self.ask("/api/sessions")
-        )
+        sessions = self.ask("/api/sessions")
+        return any(session["kernel"]["execution_state"] == "idle" for session in sessions)
 
     def close(self):
         """End the server and every process that it has started."""
@@ -148,21 +141,12 @@ class Server:
         psutil.wait_procs(left, timeout=5)
 
 
-@contextmanager
-def serving(*parts, **options):
-    server = Server(*parts, **options)
-    try:
-        yield server
-    finally:
-        server.close()
-
-
-@pytest.fixture(scope="module")
-def lab(tmp_path_factory):
-    if importlib.util.find_spec("jupyterlab") is None:
-        pytest.skip("JupyterLab is not installed: pip install jupyterlab")
-    with serving(tmp_path_factory.mktemp("lab"), LAB) as server:
-        yield server
+@pytest.fixture
+def server(tmp_path):
+    pytest.importorskip("jupyterlab", reason="not installed: pip install jupyterlab")
+    server = Server(tmp_path)
+    yield server
+    server.close()
 
 
 def picture(source):
@@ -170,27 +154,17 @@ def picture(source):
     return cv2.imdecode(data, cv2.IMREAD_COLOR).astype(int)
 
 
-def figures_around_a_move(page, server, name, code, patience=180.0):
-    """Run a notebook of one cell and move its first slider.
-
-    Returns:
-        The figure before and after.
-    """
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(code)])
-    notebook.metadata["kernelspec"] = {
-        "name": "python3",
-        "display_name": "Python 3",
-        "language": "python",
-    }
-    nbformat.write(notebook, server.notebooks / name)
-    page.set_default_timeout(1000 * patience)
-    # A workspace of its own: else what was open before is open again.
-    place = f"lab/workspaces/{Path(name).stem}/tree/{name}"
-    page.goto(f"http://127.0.0.1:{server.port}/{place}?token={server.token}")
+def test_moving_a_slider_changes_the_figure(tab, server):
+    page = tab.page
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(GLASS)])
+    notebook.metadata["kernelspec"] = KERNELSPEC
+    nbformat.write(notebook, server.notebooks / NAME)
+    page.set_default_timeout(1000 * PATIENCE)
+    page.goto(f"http://127.0.0.1:{server.port}/lab/tree/{NAME}?token={server.token}")
     page.wait_for_selector(CELL)
-    check(lambda: server.idle(name), "a kernel is ready", patience, server.tail)
+    check(server.idle, "a kernel is ready", PATIENCE, server.tail)
     page.click(CELL)
-    open_now = f"window.jupyterapp.shell.currentWidget?.context?.path === '{name}'"
+    open_now = f"window.jupyterapp.shell.currentWidget?.context?.path === '{NAME}'"
     page.wait_for_function(open_now)
     page.evaluate("void window.jupyterapp.commands.execute('notebook:run-all-cells')")
     slider = page.locator(HANDLE).first
@@ -215,9 +189,5 @@ def figures_around_a_move(page, server, name, code, patience=180.0):
     # A changed notebook would ask before it is left.
     page.evaluate("window.jupyterapp.commands.execute('docmanager:save-all')")
     page.wait_for_function("!window.jupyterapp.shell.currentWidget.context.model.dirty")
-    return picture(first), picture(second)
-
-
-def test_moving_a_slider_changes_the_figure(tab, lab):
-    before, after = figures_around_a_move(tab.page, lab, "glass.ipynb", GLASS)
+    before, after = picture(first), picture(second)
     assert before.shape != after.shape or (np.abs(before - after).max(axis=2) > 40).mean() > 0.002
