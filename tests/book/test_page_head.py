@@ -6,30 +6,16 @@ import pytest
 
 
 @pytest.mark.parametrize(
-    ("setting", "environment", "picture"),
+    ("setting", "environment", "base"),
     [
         ("", {}, None),
-        ("https://a.example/book", {}, "https://a.example/book/_images/restored_frame.png"),
-        (
-            "",
-            {"HADR_BOOK_URL": "https://b.example/"},
-            "https://b.example/_images/restored_frame.png",
-        ),
-        (
-            "",
-            {"READTHEDOCS_CANONICAL_URL": "https://c.example/en/"},
-            "https://c.example/en/_images/restored_frame.png",
-        ),
-        (
-            "https://a.example/",
-            {"HADR_BOOK_URL": "https://b.example/"},
-            "https://a.example/_images/restored_frame.png",
-        ),
+        ("https://a.example/book", {}, "https://a.example/book"),
+        ("", {"HADR_BOOK_URL": "https://b.example/"}, "https://b.example"),
+        ("", {"READTHEDOCS_CANONICAL_URL": "https://c.example/en/"}, "https://c.example/en"),
+        ("https://a.example/", {"HADR_BOOK_URL": "https://b.example/"}, "https://a.example"),
     ],
 )
-def test_a_links_picture_is_absolute_or_absent(
-    extension, monkeypatch, setting, environment, picture
-):
+def test_a_links_picture_is_absolute_or_absent(extension, monkeypatch, setting, environment, base):
     for name in ("HADR_BOOK_URL", "READTHEDOCS_CANONICAL_URL"):
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
@@ -42,6 +28,6 @@ def test_a_links_picture_is_absolute_or_absent(
     hooks["config-inited"](app, config)
     context = {"title": "A title"}
     hooks["html-page-context"](app, "notebooks/03", "page.html", context, None)
-    told = f'<meta property="og:image" content="{picture}" />'
-    assert (told in context["metatags"]) == (picture is not None)
-    assert ("og:image" in context["metatags"]) == (picture is not None)
+    told = f'<meta property="og:image" content="{base}/_images/restored_frame.png" />'
+    assert (told in context["metatags"]) == (base is not None)
+    assert ("og:image" in context["metatags"]) == (base is not None)

@@ -27,6 +27,10 @@ def notebook(chapter):
     return nbformat.read(chapter, 4)
 
 
+def tags(cell):
+    return cell.metadata.get("tags", [])
+
+
 def cells_of(notebook, kind):
     return [cell for cell in notebook.cells if cell.cell_type == kind]
 
@@ -58,7 +62,7 @@ def test_index_and_readme_link_every_chapter():
 
 
 def test_one_cell_of_typed_parameters(notebook):
-    tagged = [c for c in cells_of(notebook, "code") if "parameters" in c.metadata.get("tags", [])]
+    tagged = [cell for cell in cells_of(notebook, "code") if "parameters" in tags(cell)]
     assert len(tagged) == 1
     tree = ast.parse(tagged[0].source)
     typed = {node.target.id: ast.unparse(node.annotation) for node in ast.walk(tree)
@@ -68,16 +72,16 @@ def test_one_cell_of_typed_parameters(notebook):
 
 def test_the_parameters_are_used(notebook):
     """A parameter that no cell reads is a promise to papermill that is not kept."""
-    code = [c for c in cells_of(notebook, "code") if "parameters" not in c.metadata.get("tags", [])]
+    code = [cell for cell in cells_of(notebook, "code") if "parameters" not in tags(cell)]
     names = set()
     for cell in code:
-        source = "\n".join(line for line in cell.source.splitlines() if line[:1] not in "%!")
-        names |= {node.id for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Name)}
+        nodes = ast.walk(ast.parse(cell.source))
+        names |= {node.id for node in nodes if isinstance(node, ast.Name)}
     assert {"out_dir", "seed"} <= names
 
 
 def test_cells_are_short_and_prose_stands_between(notebook):
-    code = [c for c in cells_of(notebook, "code") if "colab" not in c.metadata.get("tags", [])]
+    code = [cell for cell in cells_of(notebook, "code") if "colab" not in tags(cell)]
     lengths = [len(cell.source.splitlines()) for cell in code]
     assert 5 <= len(lengths) <= 45
     assert max(lengths) <= 25
@@ -89,7 +93,7 @@ def test_pictures_are_described(notebook):
     """Every cell that draws a figure of its own carries alternative text."""
     for cell in cells_of(notebook, "code"):
         draws = re.search(r"plt\.(subplots|figure)\(|plt\.show\(", cell.source)
-        if draws and "interactive" not in cell.metadata.get("tags", []):
+        if draws and "interactive" not in tags(cell):
             alt = cell.metadata.get("mystnb", {}).get("image", {}).get("alt", "")
             assert len(alt) > 10, cell.source[:80]
 
@@ -97,9 +101,8 @@ def test_pictures_are_described(notebook):
 def test_no_cell_defines_what_a_second_notebook_might_need(notebook):
     """Classes belong into the library; short local functions are fine."""
     for cell in cells_of(notebook, "code"):
-        source = "\n".join(line for line in cell.source.splitlines() if line[:1] not in "%!")
-        tree = ast.parse(source)
-        assert not [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+        nodes = ast.walk(ast.parse(cell.source))
+        assert not [node for node in nodes if isinstance(node, ast.ClassDef)]
 
 
 def test_names_no_path_of_a_machine(notebook):
@@ -112,10 +115,6 @@ def test_citations_are_in_the_bibliography(notebook):
     for keys in re.findall(r"\{cite(?::\w+)?\}`([^`]+)`", prose_of(notebook)):
         for key in keys.split(","):
             assert key.strip() in known
-
-
-def tags(cell):
-    return list(cell.metadata.get("tags", []))
 
 
 def section(text, heading):
@@ -180,8 +179,7 @@ def test_parameters_and_imports_are_folded(notebook):
     (place,) = [number for number, cell in enumerate(code) if "parameters" in tags(cell)]
     assert "hide-input" in tags(code[place])
     imports = code[place + 1]
-    source = "\n".join(line for line in imports.source.splitlines() if line[:1] not in "%!")
-    assert isinstance(ast.parse(source).body[0], (ast.Import, ast.ImportFrom))
+    assert isinstance(ast.parse(imports.source).body[0], (ast.Import, ast.ImportFrom))
     assert "hide-input" in tags(imports)
 
 

@@ -19,14 +19,10 @@ CHAPTERS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 REPOSITORY = repository(ROOT / "book")
 
 
-def first_cell(path):
-    cells = [cell for cell in nbformat.read(path, 4).cells if cell.cell_type == "code"]
-    return cells[0]
-
-
 @pytest.fixture
 def source():
-    return first_cell(CHAPTERS[0]).source
+    cells = nbformat.read(CHAPTERS[0], 4).cells
+    return next(cell.source for cell in cells if cell.cell_type == "code")
 
 
 def test_elsewhere_it_does_nothing(source, monkeypatch, tmp_path, capsys):

@@ -104,19 +104,10 @@ def test_wrong_words_are_told_in_one_line(
     assert not (tmp_path / "out").exists()
 
 
-def test_an_output_that_is_a_file_is_told_first(
+def test_what_it_did_not_write_is_not_replaced(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "out").write_text("taken")
-    assert run("--only", "raw", "--out", tmp_path / "out") == 2
-    assert "is a file" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("name", ["report.md", "tables/known.json", "results/a.json"])
-def test_what_it_did_not_write_is_not_replaced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
-    own = tmp_path / "out" / name
+    own = tmp_path / "out" / "tables" / "known.json"
     own.parent.mkdir(parents=True)
     own.write_text("years of work")
     assert run("--only", "raw", "--out", tmp_path / "out") == 2
