@@ -419,6 +419,7 @@ def ground_of_frame(path) -> dict:
 
 def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(tmp_path) -> None:
     """The rule says 0.3 whatever the network's score; the raw score is another."""
+    from hadr.press.own_frames.restore_command import Made
     from hadr.press.own_frames.restore_report import confidence_means, report
 
     color, depth, mask = frame()
@@ -475,7 +476,7 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     assert ", so there is no probability of being right: " in said
     assert said.count(", in training ") == len(far.ground.why)
     assert confidence_means(far).startswith("no probability: ")
-    listed = report(depth, CAMERA, far, None, {})["ground"]
+    listed = report(Made(color, depth, CAMERA, None, {}, far, {}))["ground"]
     assert listed["inside"] is False
     assert listed["features"]["distance"] == pytest.approx(1.4)
 

@@ -201,7 +201,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Made:
-    """A restored frame, with what was read for it and how long that took."""
+    """A restored frame, with what was read for it, the files by option, and how long that took."""
 
     color: NDArray[np.uint8]
     depth: NDArray[np.float32]
@@ -292,7 +292,7 @@ def write_frame(folder: Path, made: Made) -> dict[str, Any]:
     from hadr.press.own_frames import restore_report
 
     started, result = time.perf_counter(), made.result
-    report = restore_report.report(made.depth, made.camera, result, made.truth, made.files)
+    report = restore_report.report(made)
     write_depth_png(folder / "depth.png", result.depth)
     (folder / "depth.npy").write_bytes(encode_depth_array(result.depth))
     write_image(folder / "confidence.png", np.rint(result.confidence * 255).astype(np.uint8))
@@ -304,8 +304,7 @@ def write_frame(folder: Path, made: Made) -> dict[str, Any]:
         keypoints = result.hand.keypoints.tolist()
         write_json(folder / "hand.json", {"keypoints": keypoints, **report["hand"]})
     write_point_cloud(folder / "cloud.ply", result.depth, made.color, made.camera)
-    shown = made.color, made.depth, made.camera, result, made.truth
-    restore_report.write_comparison(folder / "comparison.png", *shown)
+    restore_report.write_comparison(folder / "comparison.png", made)
     seconds = made.seconds | {"write": time.perf_counter() - started}
     report["seconds"] = {name: round(value, 3) for name, value in seconds.items()}
     report["outputs"] = outputs(folder)

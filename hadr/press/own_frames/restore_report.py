@@ -1,6 +1,5 @@
 """What `hadr restore` tells about a result: the comparison picture, counts, errors, provenance."""
 
-import hashlib
 import platform
 import sys
 from collections.abc import Mapping
@@ -23,6 +22,8 @@ from hadr.figures import panels
 from hadr.hand import BONES
 from hadr.metrics import METRICS, frame_metrics
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
+from hadr.press.own_frames.restore_command import Made
+from hadr.records.caches import file_sha256
 from hadr.restoration import Restoration
 from hadr.trained_finders import GIVEN, Hand
 
@@ -39,15 +40,10 @@ METHOD_TITLES = {
 }
 
 
-def report(
-    depth: NDArray[np.float32],
-    camera: Intrinsics,
-    result: Restoration,
-    truth: NDArray[np.float32] | None,
-    files: Mapping[str, str | None],
-) -> dict[str, Any]:
-    """What `report.json` says of what was made; `files` are what was read, by option."""
-    given = {name: path for name, path in files.items() if path is not None}
+def report(made: Made) -> dict[str, Any]:
+    """What `report.json` says of what was made."""
+    depth, result, truth = made.depth, made.result, made.truth
+    given = {name: path for name, path in made.files.items() if path is not None}
     scores = {} if truth is None else errors(depth, result.depth, truth, result.mask)
     notes = list(result.notes)
     if truth is not None and not scores:
@@ -84,45 +80,38 @@ def report(
         "notes": notes,
         "confidence_means": confidence_means(result),
         "ground": None if result.ground is None else result.ground.to_dict(),
-        "image": {"width": camera.width, "height": camera.height},
-        "intrinsics": camera.to_dict(),
+        "image": {"width": made.camera.width, "height": made.camera.height},
+        "intrinsics": made.camera.to_dict(),
         "counts": counts(depth, result, truth),
         "hand": None if result.hand is None else told_hand(result.hand),
         "errors_in_mask": scores,
         "inputs": {
-            name: {"file": path, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
-            for name, path in given.items()
+            name: {"file": path, "sha256": file_sha256(Path(path))} for name, path in given.items()
         },
         "versions": versions(),
     }
 
 
-def write_comparison(path: Path, *shown: Any) -> None:
-    """Write what `comparison_figure` draws of the same, whatever a `matplotlibrc` says."""
+def write_comparison(path: Path, made: Made) -> None:
+    """Write what `comparison_figure` draws, whatever a `matplotlibrc` says."""
     with rc_context():
         rcdefaults()
-        comparison_figure(*shown).savefig(path, dpi=130)
+        comparison_figure(made).savefig(path, dpi=130)
 
 
-def comparison_figure(
-    color: NDArray[np.uint8],
-    depth: NDArray[np.floating],
-    camera: Intrinsics,
-    result: Restoration,
-    truth: NDArray[np.floating] | None = None,
-) -> Figure:
+def comparison_figure(made: Made) -> Figure:
     """Draw colour, depth before and after, and the error (or, without truth, the confidence).
 
     On the colour lies the hand that was given or found, dashed and grey if it was not accepted.
     """
-    target = result.mask
+    result, truth, target = made.result, made.truth, made.result.mask
     with rc_context():
         panels.use_style()
-        height = 0.9 + 9.8 * depth.shape[0] / depth.shape[1]
+        height = 0.9 + 9.8 * made.camera.height / made.camera.width
         figure: Figure = Figure(figsize=(11, height), dpi=130)
         (top_left, top_right), (left, right) = figure.subplots(2, 2)
-        panels.show_color(top_left, color, "colour, and the pixels to restore")
-        _show_hand(top_left, camera, result)
+        panels.show_color(top_left, made.color, "colour, and the pixels to restore")
+        _show_hand(top_left, made.camera, result)
         there = valid_depth(result.depth)
         inside = there & target
         shown = result.depth[inside if inside.any() else there]
@@ -130,7 +119,7 @@ def comparison_figure(
         if inside.any():  # the object's depths shall be told apart, not those of a wall far behind
             low, high = low - 0.1, high + 0.3
         for ax, image, title in (
-            (left, depth, "depth as measured"),
+            (left, made.depth, "depth as measured"),
             (right, result.depth, "depth restored"),
         ):
             panels.show_depth(ax, image, title, vmin=low, vmax=high, colorbar=ax is right)

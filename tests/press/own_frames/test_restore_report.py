@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hadr.camera import Intrinsics
+from hadr.press.own_frames.restore_command import Made
 from hadr.press.own_frames.restore_report import comparison_figure
 from hadr.restoration import restore
 
@@ -24,7 +25,7 @@ def test_what_is_left_blank_is_named_below_the_picture(truth: float | None, said
     known = None if truth is None else np.where(np.indices(mask.shape)[1] < 30, truth, 0)
     color = np.zeros((*camera.shape, 3), np.uint8)
     result = restore(color, depth, camera, mask, method="nearest")
-    figure = comparison_figure(color, depth, camera, result, known)
+    figure = comparison_figure(Made(color, depth, camera, known, {}, result, {}))
     legend = figure.axes[1].get_legend()
     assert {text.get_text() for text in legend.get_texts()} == said
     # Below stands what the confidence means, where it is drawn.
