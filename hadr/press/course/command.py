@@ -158,12 +158,11 @@ def check_target(out: Path) -> None:
     check_output_folder(out)
     if not out.exists() or not any(out.iterdir()):
         return
-    own = wrote(out / MANIFEST, made_by=MADE_BY, files="")
-    files = read_json(out / MANIFEST)["files"] if own else None
-    if not isinstance(files, dict):
+    if not wrote(out / MANIFEST, made_by=MADE_BY, files=""):
         raise ValueError(
             f"--out {out} is not empty, and `{MADE_BY}` did not write it; name a new folder"
         )
+    files = read_json(out / MANIFEST)["files"]
     present = _checksums(out)
     changed = sorted(name for name, checksum in present.items() if files.get(name) != checksum)
     if changed:
