@@ -11,7 +11,6 @@ from typing import Annotated, Literal
 from hadr.experiments.steps import seconds_text
 from hadr.press.chapter_record import keep_results
 from hadr.press.chapters import (
-    ChapterError,
     ChapterRun,
     chapter_paths,
     read_notebook,
@@ -97,7 +96,7 @@ def run(options: Options) -> int:
             say("building the HTML book")
             staged = stage_book(root / "book", runs, build / "book")
             index = build_html(staged, build / "html", strict=not options.only)
-    except (ChapterError, RuntimeError) as error:
+    except RuntimeError as error:
         print(f"hadr book: error: {error}", file=sys.stderr)
         return 2
     print(f"\n{run_time_table(runs)}\n")

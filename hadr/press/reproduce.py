@@ -22,7 +22,6 @@ from hadr.experiments.steps import NAME, Step, keep_run_times, last_run_times, s
 from hadr.press.chapter_record import keep_results
 from hadr.press.chapters import (
     WHOLE,
-    ChapterError,
     chapter_paths,
     chapter_steps,
     run_notebooks,
@@ -169,7 +168,7 @@ def run(options: Options) -> int:
                 every = chapter_paths(checkout_root() / "notebooks")
                 keep_results(options.out, every, options.preset, options.seed)
                 print(f"\n{run_time_table(done)}\n\nresults: {options.out / 'results.json'}")
-        except (ChapterError, RuntimeError) as error:
+        except RuntimeError as error:
             print(f"hadr reproduce: error: {error}", file=sys.stderr)
             return 2
         keep_run_times(options.out, steps())

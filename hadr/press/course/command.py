@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from hadr.press.chapters import ChapterError, chapter_paths, run_notebooks
+from hadr.press.chapters import chapter_paths, run_notebooks
 from hadr.press.course.chapter import Chapter, plain_markdown, read_chapters, short_citations
 from hadr.press.course.slides import build_slides, missing_packages
 from hadr.records.checkout import checkout_root
@@ -90,7 +90,7 @@ def run(options: Options) -> int:
                     executed = _executed(options, chapters, folder / "solutions", Path(work))
                     slides = Path(work) / "slides"
                     build_slides(chapters, executed, plain, slides, folder / "slides")
-    except (ChapterError, RuntimeError) as error:
+    except RuntimeError as error:
         raise ValueError(str(error)) from error
     marks = [exercise.marks for chapter in chapters for exercise in chapter.exercises]
     count = "1 chapter" if len(chapters) == 1 else f"{len(chapters)} chapters"

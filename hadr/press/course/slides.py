@@ -185,9 +185,7 @@ def sentences(text: str) -> list[str]:
     flat = " ".join(text.split())
     hidden = re.sub(r"\$[^$]+\$|`[^`]+`|\*\*[^*]+\*\*|\[[^\]]*\]\([^)]*\)|\([^()]*\)", hide, flat)
     cut = re.split(r"(?<=[.!?:])\s+(?=[A-Z\x00*])", hidden)
-    show = lambda found: kept[int(found.group(1))]  # noqa: E731
-    whole = [re.sub(r"\x00(\d+)\x00", show, part) for part in cut]
-    whole = [re.sub(r"\x00(\d+)\x00", show, part) for part in whole]
+    whole = [re.sub(r"\x00(\d+)\x00", lambda found: kept[int(found[1])], part) for part in cut]
     return [part.strip() for part in whole if part.strip()]
 
 

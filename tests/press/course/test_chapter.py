@@ -104,14 +104,6 @@ def test_every_chapter_of_the_book_can_be_read(book):
         assert 2 <= len(chapter.exercises) <= 5
 
 
-def test_short_citations():
-    assert short_citations(BIBLIOGRAPHY) == {
-        "one": "Dollar, 2017",
-        "two": "Zhou and Tuzel, 2018",
-        "many": "Yu et al., 2024",
-    }
-
-
 def test_roles_become_words_and_links():
     names = short_citations(BIBLIOGRAPHY)
     told = lambda text: plain_markdown(text, names, "https://example.org/book")  # noqa: E731

@@ -17,8 +17,8 @@ from hadr.press.course.slides import (
 PIXEL = base64.b64encode(b"not really a picture").decode()
 
 
-def executed(tmp_path, source="draw()", data=None):
-    output = nbformat.v4.new_output("display_data", {"image/png": PIXEL} if data is None else data)
+def executed(tmp_path, source="draw()"):
+    output = nbformat.v4.new_output("display_data", {"image/png": PIXEL})
     cell = nbformat.v4.new_code_cell(source, outputs=[output])
     path = tmp_path / "executed.ipynb"
     nbformat.write(nbformat.v4.new_notebook(cells=[cell]), path)
@@ -29,10 +29,6 @@ def test_pictures_are_taken_out(small, tmp_path):
     found = pictures_of(executed(tmp_path), small, tmp_path)
     assert found == {"draw()": "07_small-0.png"}
     assert (tmp_path / "07_small-0.png").read_bytes() == b"not really a picture"
-
-
-def test_a_cell_without_a_picture_is_left_out(small, tmp_path):
-    assert pictures_of(executed(tmp_path, data={"text/html": "x"}), small, tmp_path) == {}
 
 
 def test_a_notebook_of_another_state_is_named(small, tmp_path):
