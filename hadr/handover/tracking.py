@@ -143,19 +143,18 @@ def best_similarity(
     current: Array,
     *,
     scaled: bool = False,
-    flip: Flip = "v",
     weights: Array | None = None,
 ) -> Similarity:
     """Carry points (n, 3) onto the same ones later, about their centroids, by least squares.
 
-    The scale is 1 unless it shall be fitted too; flip, weights and errors as of `best_rotation`.
+    The scale is 1 unless it shall be fitted too; weights and errors as of `best_rotation`.
     Source: Umeyama, Least-squares estimation of transformation parameters between two point
     patterns, 1991, equations 38 to 43.
     """
     share = np.ones(len(initial)) if weights is None else weights
     share = share / share.sum()
     before, now = initial - share @ initial, current - share @ current
-    rotation = best_rotation(before, now, flip=flip, weights=share)
+    rotation = best_rotation(before, now, weights=share)
     turned = before @ rotation.T
     scale = 1.0
     if scaled:
@@ -164,12 +163,7 @@ def best_similarity(
 
 
 def hand_motion(
-    initial: Array,
-    current: Array,
-    *,
-    about: About = "wrist",
-    flip: Flip = "v",
-    robust: bool = False,
+    initial: Array, current: Array, *, about: About = "wrist", robust: bool = False
 ) -> HandMotion:
     """Rigid motion of the hand from its keypoints (21, 3), metres, at two moments, in one frame.
 
@@ -177,8 +171,8 @@ def hand_motion(
     out and named. The fit turns about the group's middle, so that an error of the wrist's keypoint
     does not shift everything; `current_wrist` is then where the fit puts the wrist. Where no four
     keypoints move as one body, as in keypoints of much noise, the plain form is used, and `robust`
-    of the answer is False. `about` is as in `HandMotion`, `flip` as in `best_rotation`. ValueError
-    for keypoints of another shape, with NaN or not in metres, or all on one line or in one place.
+    of the answer is False. `about` is as in `HandMotion`. ValueError for keypoints of another
+    shape, with NaN or not in metres, or all on one line or in one place.
     """
     before, now = check_keypoints(initial), check_keypoints(current)
     for keypoints in (before, now):
@@ -188,23 +182,23 @@ def hand_motion(
                 f"keypoints must be metres: a palm of {palm:.3g} looks like "
                 + ("centimetres" if palm < 30 else "millimetres")
             )
-    found = _robust_motion(before, now, about, flip) if robust else None
+    found = _robust_motion(before, now, about) if robust else None
     if found is not None:
         return found
     if about == "centroid":
-        fit = best_similarity(before, now, flip=flip)
+        fit = best_similarity(before, now)
         rotation, wrist = fit.rotation, fit.rotation @ before[0] + fit.shift
     else:
-        rotation, wrist = best_rotation(before - before[0], now - now[0], flip=flip), now[0]
+        rotation, wrist = best_rotation(before - before[0], now - now[0]), now[0]
     misfit = (((before - before[0]) @ rotation.T + wrist - now) ** 2).sum(axis=1)
     return HandMotion(rotation, before[0], wrist, float(np.sqrt(misfit.mean())), about)
 
 
-def _robust_motion(before: Array, now: Array, about: About, flip: Flip) -> HandMotion | None:
+def _robust_motion(before: Array, now: Array, about: About) -> HandMotion | None:
     """The better of two fits: one begun from the palm, one from all keypoints; None without any."""
     palm = np.zeros(len(before))
     palm[list(PALM)] = 1.0
-    fits = [_trimmed(before, now, start, flip) for start in (palm, np.ones(len(before)))]
+    fits = [_trimmed(before, now, start) for start in (palm, np.ones(len(before)))]
     fit, inlier, miss = min(fits, key=lambda f: float((np.minimum(f[2], LARGEST_CUT) ** 2).sum()))
     if np.count_nonzero(inlier) < FEWEST:
         return None
@@ -214,12 +208,10 @@ def _robust_motion(before: Array, now: Array, about: About, flip: Flip) -> HandM
     return HandMotion(fit.rotation, before[0], wrist, residual, about, outliers, robust=True)
 
 
-def _trimmed(
-    before: Array, now: Array, used: Array, flip: Flip
-) -> tuple[Similarity, NDArray[np.bool_], Array]:
+def _trimmed(before: Array, now: Array, used: Array) -> tuple[Similarity, NDArray[np.bool_], Array]:
     """Fit, leave out what misses by three spreads, until nothing changes: fit, kept, misses."""
     for _ in range(12):
-        fit = best_similarity(before, now, flip=flip, weights=used)
+        fit = best_similarity(before, now, weights=used)
         miss = np.linalg.norm(before @ fit.rotation.T + fit.shift - now, axis=1)
         spread = 1.4826 * float(np.median(miss[used > 0]))
         inlier: NDArray[np.bool_] = miss <= np.clip(3 * spread, LEAST_CUT, LARGEST_CUT)
