@@ -98,7 +98,7 @@ class Sight:
         self.points_right = float("nan")
         """Share of the last object points within `RIGHT_M` of the true depth along their rays."""
 
-    def look(self, state: WorldState, *, with_points: bool) -> Observation:
+    def look(self, state: WorldState, with_points: bool) -> Observation:
         """What is seen of the world, camera frame; points of object and surroundings cost most."""
         if self._finder is not None:
             frame = self.camera.capture(state, self.scene, self._sensor_rng)

@@ -264,7 +264,6 @@ def check_display() -> None:
 
 def watch_trial(trial: Trial) -> Run:
     """Make one attempt and show it at the speed of life, or slower where the machine is."""
-    check_display()
     import mujoco.viewer
 
     from hadr.simulation.trials.trial import run_trial

@@ -20,7 +20,6 @@ import numpy as np
 
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.logs.run_log import RecordedHandover, RunLog
-from hadr.handover.observation import Observation
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage, Transition
@@ -229,9 +228,9 @@ class Outcome:
     kind: str
     planning_wall_seconds: float
     wall_seconds: float
-    corrections: int = 0
-    forces: dict[str, float] = field(default_factory=dict)
-    points_right: float = float("nan")
+    corrections: int
+    forces: dict[str, float]
+    points_right: float
 
 
 @dataclass(frozen=True)
@@ -272,11 +271,7 @@ def run_trial(
     base_from_camera = camera.calibration
     finder = bundled_finder() if finds_by_networks(trial.condition) else None
     sight = Sight(scene, camera, depth_source(trial.condition), seed=trial.seed, finder=finder)
-
-    def whole(state: WorldState, with_points: bool) -> Observation:
-        return sight.look(state, with_points=with_points)
-
-    look = whole if spoil is None else spoil(whole)
+    look = sight.look if spoil is None else spoil(sight.look)
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
     by_wishes = "-no-rescoring" not in trial.condition
     choose = GraspSelection(rng, base_from_camera[:3, 3], rescoring=by_wishes)

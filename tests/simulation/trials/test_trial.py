@@ -9,14 +9,7 @@ import pytest
 from hadr.handover.logs.replay import replay
 from hadr.handover.stages import Stage, Transition
 from hadr.simulation.camera.sight import Fault, broken_sight, keypoint_uncertainty
-from hadr.simulation.trials.trial import (
-    AFTER_TOUCH,
-    PLANNING_TIME,
-    Outcome,
-    Run,
-    Trial,
-    run_trial,
-)
+from hadr.simulation.trials.trial import AFTER_TOUCH, PLANNING_TIME, Run, Trial, run_trial
 from hadr.simulation.world.judge import Judge
 from hadr.simulation.world.state import WorldState
 
@@ -55,6 +48,7 @@ def test_a_whole_attempt(whole: Run) -> None:
     # every second state is kept, the judge saw all
     kept = min(state.hand_distance for state in whole.states)
     assert kept - 0.005 < whole.outcome.smallest_distance <= kept
+    assert 0.8 < whole.outcome.points_right <= 1  # all but those at the outline
 
 
 def test_the_same_attempt_again_is_the_same_to_the_last_bit(whole: Run) -> None:
@@ -133,10 +127,6 @@ def test_the_guard_knows_how_far_off_keypoints_are(condition: str) -> None:
     assert safety["human_uncertainty"] == pytest.approx(expected)
 
 
-def test_points_of_true_depth_are_right_but_for_the_outline(whole: Run) -> None:
-    assert 0.8 < whole.outcome.points_right <= 1
-
-
 STOPS: list[tuple[Fault, float, float, str]] = [
     # what breaks, when, after how long the robot may still move on it, what it says
     ("no hand", 2.0, 0.3, r"^no hand seen for 0\.3. s: no hand in the picture$"),
@@ -213,11 +203,9 @@ def test_a_short_fault_is_lived_through() -> None:
         ({"seed": -2}, r"seed must be 0 or more, got -2"),
         ({"condition": "rau"}, r"condition must be one of raw, .*got 'rau'"),
         ({"hand_speed": 0.0}, r"hand_speed must be a factor above 0, got 0\.0"),
-        ({"hand_speed": -1.0}, r"got -1\.0"),
         ({"hand_speed": float("nan")}, r"hand_speed .* got nan"),
         ({"hand_speed": float("inf")}, r"hand_speed .* got inf"),
         ({"extrinsics_error_deg": -1.0}, r"extrinsics_error_deg must lie in 0\.\.90, got -1\.0"),
-        ({"extrinsics_error_deg": float("nan")}, r"extrinsics_error_deg .* got nan"),
         ({"extrinsics_error_deg": 200.0}, r"got 200\.0"),
         ({"time_limit": 0.0}, r"time_limit must be seconds above 0, got 0\.0"),
         ({"picture_rate": 30.0}, r"picture_rate must be 50 divided by a whole number, got 30\.0"),
@@ -231,8 +219,3 @@ def test_a_short_fault_is_lived_through() -> None:
 def test_what_is_wrong_with_a_description_is_named(wrong: dict[str, object], says: str) -> None:
     with pytest.raises(ValueError, match=says):
         replace(BROKEN, **wrong)
-
-
-def test_a_row_from_before_corrections_were_counted_is_read() -> None:
-    old = ("success", "", 5.8, 0.3, 1, 0.03, 0.0, "still", "fist", 0.4, 14.7)
-    assert Outcome(*old).corrections == 0  # type: ignore[arg-type]
