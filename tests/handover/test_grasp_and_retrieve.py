@@ -18,6 +18,7 @@ from hadr.handover.stages import HandoverConfig
 DT = 0.02
 PLAIN = HandoverConfig()
 FEELING = replace(PLAIN, feel_ahead=0.04, feel_aside=0.02, contact_force=2.0)
+WAY = PLAIN.back + PLAIN.forward
 
 
 @pytest.fixture(autouse=True)
@@ -101,10 +102,6 @@ def final_move(advance: Advance, start: np.ndarray) -> tuple[np.ndarray, list[tu
     raise AssertionError("the final move does not end")
 
 
-def closing_pose(robot: Touching, advance: Advance, start: np.ndarray) -> np.ndarray:
-    return final_move(advance, start)[0]
-
-
 def draw_back(robot: Touching, advance: Advance, start: np.ndarray) -> np.ndarray:
     """Go on until the gripper draws back; the tool pose there."""
     while advance.part != "draw back":
@@ -113,34 +110,22 @@ def draw_back(robot: Touching, advance: Advance, start: np.ndarray) -> np.ndarra
 
 
 def test_without_feeling_it_ends_where_the_paper_says() -> None:
-    robot, advance, start = advancing(PLAIN, palm=0.05)  # what it meets, it does not feel
-    end = closing_pose(robot, advance, start)
-    np.testing.assert_allclose(end[:3, 3], [0, 0, PLAIN.back + PLAIN.forward], atol=1e-9)
+    _, advance, start = advancing(PLAIN, palm=0.05)  # what it meets, it does not feel
+    end, heard = final_move(advance, start)
+    np.testing.assert_allclose(end[:3, 3], [0, 0, WAY], atol=1e-9)
+    assert heard == [("advance", "")]
 
 
-def test_it_goes_on_until_the_palm_is_met() -> None:
-    way = FEELING.back + FEELING.forward
-    robot, advance, start = advancing(FEELING, palm=way + 0.022)
-    end = closing_pose(robot, advance, start)
-    assert abs(end[2, 3] - way - 0.022) < 0.004
-    assert advance.corrections == 0
-
-
-def test_where_nothing_is_met_it_ends_a_fixed_way_on() -> None:
-    robot, advance, start = advancing(FEELING)
-    end = closing_pose(robot, advance, start)
-    assert end[2, 3] == pytest.approx(FEELING.back + FEELING.forward + FEELING.feel_ahead, abs=2e-3)
-
-
-@pytest.mark.parametrize("side", [-1, 1])
-def test_a_finger_on_the_object_sends_the_gripper_to_that_side(side: int) -> None:
-    """A block from 0.03 m on one side: free once the gripper has gone 0.02 m towards it."""
-    block = sorted((side * 0.030, side * 0.062))
-    robot, advance, start = advancing(FEELING, block=(*block, 0.11))
-    end = closing_pose(robot, advance, start)
-    assert advance.corrections == 1
-    assert end[0, 3] == pytest.approx(side * FEELING.feel_aside, abs=1e-3)
-    assert end[2, 3] > FEELING.back + FEELING.forward
+def test_it_goes_on_until_the_palm_is_met_and_says_so() -> None:
+    _, advance, start = advancing(FEELING, palm=WAY + 0.022)
+    end, heard = final_move(advance, start)
+    assert abs(end[2, 3] - WAY - 0.022) < 0.004
+    assert heard == [
+        ("advance", ""),
+        ("feel", "goes on, feeling for the object"),
+        ("feel", "the palm met the object: closes here"),
+    ]
+    assert advance.all_corrections == 0
 
 
 def test_it_draws_back_before_it_goes_aside() -> None:
@@ -157,31 +142,16 @@ def test_it_draws_back_before_it_goes_aside() -> None:
     assert drawn > DRAW_BACK - 0.012
 
 
-def said(robot: Touching, advance: Advance, start: np.ndarray) -> list[tuple[str, str]]:
-    return final_move(advance, start)[1]
-
-
-def test_on_the_papers_way_there_is_nothing_to_say() -> None:
-    assert said(*advancing(PLAIN, palm=0.05)) == [("advance", "")]
-
-
-def test_feeling_for_the_object_is_said() -> None:
-    robot, advance, start = advancing(FEELING, palm=FEELING.back + FEELING.forward + 0.022)
-    assert said(robot, advance, start) == [
-        ("advance", ""),
-        ("feel", "goes on, feeling for the object"),
-        ("feel", "the palm met the object: closes here"),
-    ]
-    assert advance.all_corrections == 0
-
-
 @pytest.mark.parametrize("side", [-1, 1])
-def test_a_correction_is_said_and_counted(side: int) -> None:
-    robot, advance, start = advancing(FEELING, block=(*sorted((side * 0.030, side * 0.062)), 0.11))
+def test_a_finger_on_the_object_sends_the_gripper_to_that_side(side: int) -> None:
+    """A block from 0.03 m on one side: free once the gripper has gone 0.02 m towards it."""
+    _, advance, start = advancing(FEELING, block=(*sorted((side * 0.030, side * 0.062)), 0.11))
+    end, heard = final_move(advance, start)
+    assert end[0, 3] == pytest.approx(side * FEELING.feel_aside, abs=1e-3)
+    assert end[2, 3] > WAY
     # left of the line from the base to the tool, seen from above
     left = np.cross([0, 0, 1], [*start[:2, 3], 0.0])
     where = "left" if side * start[:3, 0] @ left > 0 else "right"
-    heard = said(robot, advance, start)
     assert [part for part, _ in heard[:3]] == ["advance", "draw back", "advance"]
     assert [heard[0][1], heard[2][1]] == ["", ""]
     assert re.fullmatch(  # the finger's middle lies 47.5 mm beside the tool's
@@ -189,9 +159,10 @@ def test_a_correction_is_said_and_counted(side: int) -> None:
         r"draws back, goes 20 mm aside \(1 of 3\)",
         heard[1][1],
     )
+    assert advance.corrections == 1
     advance.begin()
     assert (advance.corrections, advance.all_corrections) == (0, 1)
-    assert said(robot, advance, start)[0] == ("advance", "")
+    assert final_move(advance, start)[1][0] == ("advance", "")
 
 
 def test_left_right_up_and_outward_are_seen_from_the_base() -> None:
@@ -214,49 +185,49 @@ def test_a_sensor_without_a_number_stops_it_and_it_goes_back(wrench: object) -> 
     robot, advance, start = advancing(FEELING)
     robot.tool_wrench = lambda: wrench
     with pytest.raises(HaltError, match="the sensor at the wrist gives no number") as halt:
-        closing_pose(robot, advance, start)
+        final_move(advance, start)
     assert halt.value.back
     robot, advance, start = advancing(PLAIN)  # who does not feel, does not ask
     robot.tool_wrench = lambda: wrench
-    closing_pose(robot, advance, start)
+    final_move(advance, start)
 
 
 def test_corrections_end() -> None:
     """A wall on one side that no correction passes: after the last it closes or says so."""
     few = replace(FEELING, corrections=2)
-    robot, advance, start = advancing(few, block=(0.0, 0.5, 0.145))
-    closing_pose(robot, advance, start)
+    _, advance, start = advancing(few, block=(0.0, 0.5, 0.145))
+    final_move(advance, start)
     assert advance.corrections == 2
 
 
 def test_an_object_wider_than_the_opening_stops_it() -> None:
-    robot, advance, start = advancing(FEELING, block=(-0.2, 0.2, 0.10))
+    _, advance, start = advancing(FEELING, block=(-0.2, 0.2, 0.10))
     with pytest.raises(HaltError, match=r"met the object \d+ mm before the end .* does not fit"):
-        closing_pose(robot, advance, start)
+        final_move(advance, start)
 
 
 def test_a_gripper_that_would_leave_its_reach_does_not_go_on() -> None:
     robot, advance, start = advancing(FEELING)
     robot.reachable = lambda pose: False
-    end = closing_pose(robot, advance, start)
-    assert end[2, 3] == pytest.approx(FEELING.back + FEELING.forward, abs=2e-3)
+    end = final_move(advance, start)[0]
+    assert end[2, 3] == pytest.approx(WAY, abs=2e-3)
 
 
 @pytest.mark.parametrize(("free", "goes"), [(0.0, 0.0), (0.02, 0.02), (np.inf, 0.04)])
 def test_it_feels_only_as_far_as_the_way_was_found_free(free: float, goes: float) -> None:
-    robot, advance, start = advancing(FEELING)
+    _, advance, start = advancing(FEELING)
     advance.begin(free)
-    end = closing_pose(robot, advance, start)
-    assert end[2, 3] == pytest.approx(FEELING.back + FEELING.forward + goes, abs=0.003)
+    end = final_move(advance, start)[0]
+    assert end[2, 3] == pytest.approx(WAY + goes, abs=0.003)
 
 
 def test_beside_the_hand_it_does_not_go_on() -> None:
     """The hand stands where the fingers would come only by feeling ahead."""
-    robot, advance, start = advancing(FEELING)
-    ahead = forward_of(start, FEELING.back + FEELING.forward + 0.035)
+    _, advance, start = advancing(FEELING)
+    ahead = forward_of(start, WAY + 0.035)
     put_hand(advance, ahead[:3, 3] + 0.0475 * ahead[:3, 0], ahead[:3, 2])
-    end = closing_pose(robot, advance, start)
-    way = end[2, 3] - FEELING.back - FEELING.forward
+    end = final_move(advance, start)[0]
+    way = end[2, 3] - WAY
     assert 0.009 < way < 0.021  # 1 cm of flesh and 5 mm to spare leave 2 cm
 
 
@@ -264,7 +235,7 @@ def test_beside_the_hand_it_does_not_go_on() -> None:
 def test_a_hand_farther_on_its_way_is_waited_for_and_then_halts_it(leaves: bool) -> None:
     robot, advance, start = advancing(PLAIN)
     away = advance.arm.watch.keypoints
-    end = forward_of(start, PLAIN.back + PLAIN.forward)
+    end = forward_of(start, WAY)
     put_hand(advance, end[:3, 3] + 0.0475 * end[:3, 0], end[:3, 2])
     for _ in range(round(BLOCKED_TIME / DT)):
         assert step(advance, start) is None
@@ -274,7 +245,7 @@ def test_a_hand_farther_on_its_way_is_waited_for_and_then_halts_it(leaves: bool)
     if leaves:
         advance.arm.watch.keypoints = away
         advance.arm.watch.middle = away.mean(axis=0)
-        assert closing_pose(robot, advance, start)[2, 3] == pytest.approx(0.15, abs=2e-3)
+        assert final_move(advance, start)[0][2, 3] == pytest.approx(0.15, abs=2e-3)
     else:
         with pytest.raises(HaltError, match=r"hand .* mm from the gripper's path"):
             step(advance, start)
@@ -285,7 +256,7 @@ def test_where_the_side_changes_it_goes_half_as_far() -> None:
     robot, advance, start = advancing(
         FEELING, block=(0.030, 0.0525, 0.11), other=(-0.0325, -0.020, 0.11)
     )
-    heard = said(robot, advance, start)
+    heard = final_move(advance, start)[1]
     steps = [word for part, word in heard if part == "draw back"]
     assert ["20 mm aside" in steps[0], "10 mm aside" in steps[1], len(steps)] == [True, True, 2]
     x = (np.linalg.inv(start) @ robot.tool_pose())[0, 3]
@@ -293,11 +264,9 @@ def test_where_the_side_changes_it_goes_half_as_far() -> None:
 
 
 def test_between_two_obstacles_that_leave_no_room_it_stops() -> None:
-    robot, advance, start = advancing(
-        FEELING, block=(0.030, 0.060, 0.10), other=(-0.040, -0.020, 0.10)
-    )
+    _, advance, start = advancing(FEELING, block=(0.030, 0.060, 0.10), other=(-0.040, -0.020, 0.10))
     with pytest.raises(HaltError, match="does not fit between the fingers"):
-        closing_pose(robot, advance, start)
+        final_move(advance, start)
     assert advance.corrections == 2  # 20 mm to one side, 10 mm back; 5 mm is not tried
 
 
@@ -309,10 +278,9 @@ def test_while_no_hand_is_known_it_stands(when: str, monkeypatch: pytest.MonkeyP
         advance.arm.config = PLAIN
         # so that it does not end yet
         monkeypatch.setattr("hadr.handover.stages.ARRIVE_DISTANCE", 0.0)
-    end = PLAIN.back + PLAIN.forward
     reached = {
         "on the way": lambda: advance.travelled > 0.05,
-        "at the end": lambda: advance.travelled >= end,
+        "at the end": lambda: advance.travelled >= WAY,
         "drawing back": lambda: advance.part == "draw back",
     }
     while not reached[when]():
