@@ -33,13 +33,6 @@ def test_home_is_where_the_docstring_says() -> None:
     np.testing.assert_allclose(robot.tool_pose(), level_pose(0.34, 0.12, 0.38), atol=2e-3)
 
 
-def test_tool_pose_is_the_flange_and_the_gripper() -> None:
-    robot = SimulatedUR5()
-    flange = ur5.forward_kinematics(robot.joint_positions())
-    expected = np.diag([-1, -1, 1]) @ (flange[:3, 3] + 0.16 * flange[:3, 2])
-    np.testing.assert_allclose(robot.tool_pose()[:3, 3], expected)
-
-
 def test_goes_to_a_pose_at_the_speed_of_its_tool() -> None:
     robot = SimulatedUR5(ArmConfig(speed_fraction=1.0))
     target = level_pose(0.5, -0.1, 0.3)

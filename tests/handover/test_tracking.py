@@ -29,7 +29,12 @@ def test_recovers_any_rigid_motion(seed: int) -> None:
     motion = hand_motion(hand, hand @ rotation.T + shift)
     np.testing.assert_allclose(motion.rotation, rotation, atol=1e-9)
     points = rng.normal(size=(5, 3))
-    np.testing.assert_allclose(motion.move_points(points), points @ rotation.T + shift, atol=1e-9)
+    moved = points @ rotation.T + shift
+    np.testing.assert_allclose(motion.move_points(points), moved, atol=1e-9)
+    grasp = np.eye(4)
+    grasp[:3, 3] = points[0]
+    expected = np.column_stack([rotation, moved[0]])
+    np.testing.assert_allclose(motion.move_pose(grasp)[:3], expected, atol=1e-9)
     assert motion.residual < 1e-9
 
 
@@ -65,16 +70,6 @@ def test_about_the_centroid_an_error_of_the_wrist_shifts_by_a_21st() -> None:
     # the least squares of all: no other motion leaves less, the wrist's not either
     residual = hand_motion(HAND, off, about="centroid").residual
     assert 0 < residual < hand_motion(HAND, off).residual
-
-
-def test_pose_moves_with_the_hand() -> None:
-    rotation = Rotation.from_euler("xyz", [0.3, -0.4, 1.0]).as_matrix()
-    moved = np.eye(4)
-    moved[:3, :3], moved[:3, 3] = rotation, [0.1, 0.2, -0.3]
-    grasp = np.eye(4)
-    grasp[:3, 3] = [0.2, 0.0, 0.6]
-    motion = hand_motion(HAND, HAND @ rotation.T + moved[:3, 3])
-    np.testing.assert_allclose(motion.move_pose(grasp), moved @ grasp, atol=1e-9)
 
 
 @pytest.mark.parametrize("flip", ["v", "r"])
@@ -189,13 +184,6 @@ def test_robust_form_keeps_a_hand_with_noise_whole() -> None:
     assert robust.outliers == ()
     assert turned_by(robust.rotation, true[:3, :3]) < 0.6
     assert 0.001 < robust.residual < 0.0025
-
-
-def test_robust_form_gives_a_proper_rotation_for_a_mirrored_hand() -> None:
-    mirrored = HAND * [-1.0, 1.0, 1.0]
-    rotation = hand_motion(HAND, mirrored, robust=True).rotation
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(rotation) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("sigma", [0.03, 0.1])

@@ -39,7 +39,7 @@ def points_at(x: float, y: float, z: float, count: int = 10) -> np.ndarray:
 @pytest.mark.parametrize(
     ("place", "free"),
     [
-        ((0.0, 0.0, 0.05), 0.04 - 0.01),  # between the fingers, above them by 4 cm
+        ((0.0, 0.0, 0.05), np.hypot(0.03, 0.05) - 0.01),  # before the fingers, 3 cm beside each
         ((0.065, 0.0, -0.03), 0.025 - 0.01),  # beside the right finger
         ((0.0, 0.05, -0.10), 0.02 - 0.01),  # above the palm, which is 3 cm from the middle
         ((0.0, 0.0, -0.10), -0.01),  # inside the palm
@@ -48,8 +48,6 @@ def points_at(x: float, y: float, z: float, count: int = 10) -> np.ndarray:
 )
 def test_distance_to_a_hand_in_one_place(place: tuple[float, float, float], free: float) -> None:
     keypoints = np.tile(place, (21, 1))
-    if place == (0.0, 0.0, 0.05):
-        free = float(np.hypot(0.03, 0.05)) - 0.01  # nearest edge of a finger, 3 cm aside
     assert hand_distance(np.eye(4), 0.06, keypoints) == pytest.approx(free)
 
 

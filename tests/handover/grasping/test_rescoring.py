@@ -90,10 +90,6 @@ def test_facing_the_human_beats_facing_the_robot() -> None:
     assert rescore(back, BASE)[0] == pytest.approx(0.1)
 
 
-def test_weights_are_the_papers() -> None:
-    assert Weights() == Weights(score=1.0, robot_to_human=0.4, up_to_down=0.2)
-
-
 def test_mixed_frames_and_bad_directions_are_refused() -> None:
     with pytest.raises(ValueError, match=r"'camera'.*'base'"):
         rescore(one_grasp(np.eye(3), frame="camera"), BASE)
