@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from hadr.figures.panels import COLORS
 from hadr.handover.stages import Stage, Transition
-from hadr.simulation.film.film import nearest_state, stage_at, stage_color
+from hadr.simulation.film.film import STAGE_COLORS, nearest_state, stage_at
 from hadr.simulation.film.world_view import FilmSet, View, view_from
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
@@ -54,7 +54,7 @@ def film_strip(
         ax.set(xticks=[], yticks=[])
         for side, spine in ax.spines.items():
             spine.set_visible(side == "bottom")
-            spine.set(color=stage_color(stage), linewidth=5)
+            spine.set(color=STAGE_COLORS[stage], linewidth=5)
         label = textwrap.fill(f"{state.time:.1f} s  {name}", 36)
         label += f"\n{stage.value}" if names else ""
         ax.set_xlabel(label, fontsize=9.5, labelpad=5)
@@ -117,9 +117,9 @@ def stage_bands(
     for left, right, stage in zip(edges[:-1], edges[1:], stages, strict=True):
         over = stage in (Stage.FINISHED, Stage.STOPPED)
         if right - left > 0:
-            ax.axvspan(left, right, color=stage_color(stage), alpha=0.13, lw=0, zorder=0)
+            ax.axvspan(left, right, color=STAGE_COLORS[stage], alpha=0.13, lw=0, zorder=0)
         if over:
-            ax.axvline(left, color=stage_color(stage), lw=2.5)
+            ax.axvline(left, color=STAGE_COLORS[stage], lw=2.5)
         if named and (over or right - left > 0.07 * length):
             at, align = ((left + right) / 2, "center")
             if over and right - left < 0.07 * length:
@@ -127,5 +127,5 @@ def stage_bands(
             ax.text(
                 at, 1.02, stage.value.replace(" ", "\n", 1) if right - left < 0.14 * length
                 else stage.value, transform=ax.get_xaxis_transform(), ha=align, va="bottom",
-                color=stage_color(stage), fontsize=9.5, fontweight="bold",
+                color=STAGE_COLORS[stage], fontsize=9.5, fontweight="bold",
             )  # fmt: skip

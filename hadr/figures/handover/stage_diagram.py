@@ -4,7 +4,7 @@ from textwrap import fill
 
 from hadr.figures.sheet import FONT, Box, Sheet
 from hadr.handover.stages import CHANGES, Stage
-from hadr.simulation.film.film import stage_color
+from hadr.simulation.film.film import STAGE_COLORS
 
 Place = tuple[float, float]
 WAIT, APPROACH, GRASP = Stage.WAIT_AND_OBSERVE, Stage.APPROACH_AND_REACT, Stage.GRASP_AND_RETRIEVE
@@ -60,7 +60,7 @@ def stage_diagram() -> Sheet:
             sheet.write(*at, fill(changes[change], width), ha="center", linespacing=1.1)
     for stage, box in BOXES.items():
         left, bottom, wide, high = box
-        sheet.card(box, fill="white", edge=stage_color(stage), lw=3)
+        sheet.card(box, fill="white", edge=STAGE_COLORS[stage], lw=3)
         sheet.write(left + wide / 2, bottom + high / 2, stage.value, ha="center", weight="bold",
                     fontsize=FONT + 1)  # fmt: skip
     return sheet

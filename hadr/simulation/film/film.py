@@ -24,25 +24,20 @@ from hadr.simulation.world.state import WorldState
 
 Picture = npt.NDArray[np.uint8]
 
-STAGE_COLORS: dict[str, str] = {
-    "Wait & Observe": "#9a9a9a",
-    "Approach & React": "#0072B2",
-    "Grasp & Retrieve": "#009E73",
-    "Finished": "#56B4E9",
-    "Stopped": "#D55E00",
-    "Going home": "#E69F00",
-    "Gave up": "#CC79A7",
+STAGE_COLORS: dict[Stage, str] = {
+    Stage.WAIT_AND_OBSERVE: "#9a9a9a",
+    Stage.APPROACH_AND_REACT: "#0072B2",
+    Stage.GRASP_AND_RETRIEVE: "#009E73",
+    Stage.FINISHED: "#56B4E9",
+    Stage.STOPPED: "#D55E00",
+    Stage.GOING_HOME: "#E69F00",
+    Stage.GAVE_UP: "#CC79A7",
 }
-"""Colours of the stages by the name that people read; Okabe and Ito's."""
+"""Colours of the stages; Okabe and Ito's."""
 CAPTION_HEIGHT = 72
 """Rows below each picture of a film, pixels."""
 _PAPER, _INK, _QUIET = "#ffffff", "#1a1a1a", "#555555"
 _MARGIN, _RIBBON = 12, 10
-
-
-def stage_color(stage: Stage) -> str:
-    """The colour of a stage."""
-    return STAGE_COLORS[stage.value]
 
 
 def stage_at(time: float, transitions: Sequence[Transition]) -> tuple[Stage, str]:
@@ -100,7 +95,7 @@ def captioned(
         if stage in (Stage.FINISHED, Stage.STOPPED):
             wide = width
         left_at = min(column(left), width - 6)
-        draw.rectangle((left_at, ribbon, wide, CAPTION_HEIGHT - 1), fill=stage_color(stage))
+        draw.rectangle((left_at, ribbon, wide, CAPTION_HEIGHT - 1), fill=STAGE_COLORS[stage])
     here = min(max(column(time), 2.0), width - 3.0)
     end_of_mark = CAPTION_HEIGHT + 2
     draw.rectangle((here - 2, ribbon - 3, here + 2, end_of_mark), fill=_INK, outline=_PAPER)
@@ -109,7 +104,7 @@ def captioned(
     clock = f"{time:.1f} s"
     draw.text((width - _MARGIN, top), clock, _INK, _font(17), anchor="ra")
     square = (_MARGIN, top + 3, _MARGIN + 13, top + 16)
-    draw.rectangle(square, fill=stage_color(stage))
+    draw.rectangle(square, fill=STAGE_COLORS[stage])
     draw.text((_MARGIN + 21, top), stage.value, _INK, _font(17, True))
     strong = stage is Stage.STOPPED
     letter = 0.66 if strong else 0.56  # width over size
