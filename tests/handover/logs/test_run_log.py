@@ -109,17 +109,6 @@ def test_replay_names_what_differs(path: Path) -> None:
         replay(RunLog({**log.arrays, "keypoints": hands}, log.header))
 
 
-@pytest.mark.parametrize("part", [0.05, 0.5, 0.98])
-def test_a_log_that_was_cut_off_is_refused(path: Path, tmp_path: Path, part: float) -> None:
-    whole = path.read_bytes()
-    short = tmp_path / "short.npz"
-    short.write_bytes(whole[: int(part * len(whole))])
-    with pytest.raises(
-        ValueError, match=r"short.npz is no .npz of arrays, or is cut off or damaged"
-    ):
-        read_run_log(short)
-
-
 def test_a_log_that_was_changed_is_refused(path: Path, tmp_path: Path) -> None:
     log = read_run_log(path)
     with np.load(path) as file:
@@ -134,22 +123,6 @@ def test_a_log_that_was_changed_is_refused(path: Path, tmp_path: Path) -> None:
     np.savez_compressed(changed, **content)
     with pytest.raises(ValueError, match=r"changed.npz was changed"):
         read_run_log(changed)
-    flipped = bytearray(path.read_bytes())
-    flipped[len(flipped) // 2] ^= 0xFF
-    changed.write_bytes(flipped)
-    with pytest.raises(ValueError, match=r"changed.npz"):
-        read_run_log(changed)
-    with pytest.raises(FileNotFoundError):
-        read_run_log(tmp_path / "none.npz")
-
-
-def test_other_files_of_numpy_are_no_logs(tmp_path: Path) -> None:
-    np.save(tmp_path / "one.npy", np.zeros(3))
-    with pytest.raises(ValueError, match=r"one\.npy is no .npz"):
-        read_run_log(tmp_path / "one.npy")
-    np.savez(tmp_path / "two.npz", a=np.zeros(3))
-    with pytest.raises(ValueError, match=r"two\.npz has an unknown array, 'a'"):
-        read_run_log(tmp_path / "two.npz")
 
 
 def test_settings_of_another_version_are_named(path: Path) -> None:
@@ -167,16 +140,10 @@ def test_settings_of_another_version_are_named(path: Path) -> None:
             replay(RunLog(log.arrays, {**log.header, "config": other}))
 
 
-def test_another_format_is_refused(path: Path, tmp_path: Path) -> None:
-    log = read_run_log(path)
-    other = RunLog(log.arrays, {**log.header, "format": 99}).save(tmp_path / "other.npz")
-    with pytest.raises(ValueError, match="format is 99, this version reads 2"):
-        read_run_log(other)
-
-
 @pytest.mark.parametrize(
     ("name", "value", "says"),
     [
+        ("format", 99, "format is 99, this version reads 2"),
         ("transitions", [[0, "Nowhere", "Finished", ""]], "transitions.*'Nowhere' is not a valid"),
         ("cautions", None, "cautions: must be a list, got None"),
         ("events", [[0, "chose", 7]], r"events has \[0, 'chose', 7\], which is none"),

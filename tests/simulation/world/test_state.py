@@ -78,6 +78,18 @@ def test_what_is_no_file_of_states_is_named(
         np.savez(path, **{**file, name: value})
     with pytest.raises(ValueError, match=rf"a\.npz.*{says}"):
         load_states(path)
-    path.write_bytes(path.read_bytes()[:-99])
-    with pytest.raises(ValueError, match=r"a\.npz is no \.npz of arrays, or is cut off"):
-        load_states(path)
+
+
+def test_what_is_cut_off_or_damaged_is_named(tmp_path: Path, states: list[WorldState]) -> None:
+    path = tmp_path / "a.npz"
+    save_states(path, states)
+    whole = path.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 0xFF
+    np.save(tmp_path / "one.npy", np.zeros(3))
+    for content in (whole[:99], whole[:-99], flipped, (tmp_path / "one.npy").read_bytes()):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"a\.npz is no \.npz of arrays, or is cut off"):
+            load_states(path)
+    with pytest.raises(FileNotFoundError):
+        load_states(tmp_path / "none.npz")
