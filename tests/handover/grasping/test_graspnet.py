@@ -107,19 +107,12 @@ def test_a_detector_whose_grasps_all_go_says_why(found: np.ndarray, fit: int) ->
         source(np.eye(3) + 5.0)
 
 
-@pytest.mark.parametrize(
-    ("calibration", "says"),
-    [
-        (np.eye(3), r"base_from_camera must be a \(4, 4\) transform, got shape \(3, 3\)"),
-        (np.diag([1.0, 1, -1, 1]), "base_from_camera must hold a proper rotation"),
-        (np.full((4, 4), np.nan), "base_from_camera must be finite"),
-    ],
-)
-def test_bad_calibrations_are_named(calibration: np.ndarray, says: str) -> None:
+def test_a_bad_calibration_is_named() -> None:
+    mirror, says = np.diag([1.0, 1, -1, 1]), "base_from_camera must hold a proper rotation"
     with pytest.raises(ValueError, match=says):
-        from_graspnet(rows(), calibration)
+        from_graspnet(rows(), mirror)
     with pytest.raises(ValueError, match=says):
-        DetectedGrasps(lambda points: rows(), calibration)
+        DetectedGrasps(lambda points: rows(), mirror)
 
 
 @TOO_WIDE
