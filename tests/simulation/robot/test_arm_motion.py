@@ -111,10 +111,9 @@ def test_short_ways_are_straight_and_as_fast_as_allowed(motion: ArmMotion) -> No
 
 @settings(max_examples=12)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 1.5))
-def test_no_target_breaks_a_limit(seed: int, spread: float) -> None:
+def test_no_target_breaks_a_limit(motion: ArmMotion, seed: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
-    motion = shared(ArmConfig(speed_fraction=0.35))
-    limits = motion.motion
+    limits = home(motion).motion
     for _ in range(5):
         target = np.eye(4)
         target[:3, :3] = Rotation.random(rng=rng).as_matrix()
@@ -131,16 +130,6 @@ def test_no_target_breaks_a_limit(seed: int, spread: float) -> None:
             assert step <= limits.joint_acceleration * DT + SOLVER
             assert in_workspace(motion.tool_pose_at(motion.joints)[:3, 3])
             assert nearest_links(motion) > CLEARANCE - 1e-3
-
-
-_SHARED: list[ArmMotion] = []
-
-
-def shared(config: ArmConfig) -> ArmMotion:
-    """One arm for all examples: compiling the model for each would take most of the time."""
-    if not _SHARED:
-        _SHARED.append(ArmMotion(config))
-    return home(_SHARED[0])
 
 
 def nearest_links(motion: ArmMotion) -> float:
