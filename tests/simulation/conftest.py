@@ -1,4 +1,4 @@
-"""The state of a scene with the robot at home, for all tests of what is seen of it."""
+"""A scene, the robot's camera, and states of a scene with the robot at home."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,8 +7,20 @@ from typing import Any
 import pytest
 
 from hadr.handover.simulated_ur5 import HOME_JOINTS
-from hadr.simulation.world.scenes import HeldScene
+from hadr.simulation.camera.robot_camera import RobotCamera
+from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
+
+
+@pytest.fixture(scope="session")
+def scene() -> HeldScene:
+    """A tumbler that is held out."""
+    return held_scene("0000", 921)
+
+
+@pytest.fixture(scope="session")
+def camera() -> RobotCamera:
+    return RobotCamera()
 
 
 @pytest.fixture(scope="session")

@@ -7,12 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import back_project, project, transform_points
-from hadr.figures.depth.corruption_examples import corruption_statistics
 from hadr.handover.simulated_ur5 import HOME_JOINTS, SimulatedUR5
-from hadr.simulation.camera.robot_camera import (
-    EYE,
-    RobotCamera,
-)
+from hadr.simulation.camera.robot_camera import EYE, RobotCamera
 from hadr.simulation.camera.room import FLOOR, make_room
 from hadr.simulation.world.scenes import MIDDLE, HeldScene
 from hadr.simulation.world.state import WorldState
@@ -146,27 +142,9 @@ def test_pictures_look_like_the_training_frames_and_repeat(
     assert 20 < one.color.std() < 75
     red, _, blue = one.color[one.hand_mask].astype(float).mean(axis=0)
     assert red > blue + 20  # skin
-
-
-def test_the_sensor_fails_on_glass_and_errs_more_from_afar(
-    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
-) -> None:
-    rng = np.random.default_rng(2)
-    frames = [camera.capture(at(scene, 0.0), scene, rng, color=False) for _ in range(6)]
-    frame = frames[0]
-    numbers = [corruption_statistics(f.raw_depth, f.depth, f.object_mask) for f in frames]
-    # 75 % of the glass is missing on purpose, and a few per cent by shadows and lost matches
-    assert 0.7 < np.mean([n.missing_share for n in numbers]) < 0.9
-    assert np.mean([n.bias_m for n in numbers]) > 0.3  # what is measured shows what is behind
-    assert 0.01 < np.mean([n.within_1cm_share for n in numbers]) < 0.10
-    glass = frame.object_mask
-    error = np.stack([np.where(f.raw_depth > 0, f.raw_depth - f.depth, np.nan) for f in frames])
-    near = np.nanmedian(np.abs(error[:, frame.hand_mask]))
-    far = np.nanmedian(np.abs(error[:, ~frame.hand_mask & ~glass & (frame.depth > 1.8)]))
-    assert 0.0005 < near < 0.004
-    assert 5 < far / near < 30  # z squared: (1.9 / 0.6)^2 = 10
-    outside = ~glass
-    assert 0.03 < (frame.raw_depth[outside] == 0).mean() < 0.35
+    missing = one.raw_depth == 0
+    assert 0.6 < missing[one.object_mask].mean() < 0.95
+    assert 0.03 < missing[~one.object_mask].mean() < 0.35
 
 
 @pytest.mark.parametrize("degrees", [0.0, 3.0])

@@ -305,18 +305,6 @@ def test_a_process_ends_with_the_one_that_started_it(whole: Run, tmp_path: Path)
         assert happens(lambda: not any(map(runs, workers)))
 
 
-def test_only_what_is_not_finished_is_run(whole: Run, made: Counter[Trial], tmp_path: Path) -> None:
-    trials = attempts("perfect", objects=("0010", "0004"), holds=(922,))
-    run_attempts(trials[:1], tmp_path)
-    told: list[str] = []
-    rows = run_attempts(trials, tmp_path, report=lambda trial, row: told.append(trial.name))
-    assert made == {trials[0]: 1, trials[1]: 1}
-    assert sorted(told) == ["0004-922", "0010-922"]
-    assert [row["trial"]["object_id"] for row in rows] == ["0010", "0004"]  # in their order
-    assert run_attempts(trials, tmp_path) == rows
-    assert sum(made.values()) == 2
-
-
 def test_what_is_no_longer_true_is_run_again(made: Counter[Trial], tmp_path: Path) -> None:
     trial = Trial("0010", 922, "perfect")
     path = tmp_path / "perfect" / "0010-922.json"

@@ -16,11 +16,6 @@ from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
 
 
-@pytest.fixture(scope="module")
-def tumbler() -> HeldScene:
-    return held_scene("0000", 921)
-
-
 def drive(world: World, pose: np.ndarray, seconds: float) -> list[WorldState]:
     states = []
     for _ in range(round(seconds / 0.02)):
@@ -30,22 +25,22 @@ def drive(world: World, pose: np.ndarray, seconds: float) -> list[WorldState]:
     return states
 
 
-def test_the_hand_carries_the_object_at_rest(tumbler: HeldScene) -> None:
-    world = World(tumbler)
+def test_the_hand_carries_the_object_at_rest(scene: HeldScene) -> None:
+    world = World(scene)
     world.step(0.5)
     state = world.state()
     assert state.holder == "hand"
-    np.testing.assert_allclose(state.base_from_wrist, tumbler.base_from_wrist, atol=2e-4)
-    np.testing.assert_allclose(state.base_from_object, tumbler.base_from_object, atol=3e-3)
-    np.testing.assert_allclose(world.keypoints(), tumbler.keypoints, atol=5e-4)
+    np.testing.assert_allclose(state.base_from_wrist, scene.base_from_wrist, atol=2e-4)
+    np.testing.assert_allclose(state.base_from_object, scene.base_from_object, atol=3e-3)
+    np.testing.assert_allclose(world.keypoints(), scene.keypoints, atol=5e-4)
 
 
-def test_the_grip_bears_the_weight_of_the_glass(tumbler: HeldScene) -> None:
-    world = World(tumbler)
+def test_the_grip_bears_the_weight_of_the_glass(scene: HeldScene) -> None:
+    world = World(scene)
     world.step(0.6)
     free = world._model.joint("object").dofadr[0]
     # nothing else touches the object: the weld's force is mass times gravity, upward
-    expected = [0.0, 0.0, 9.81 * mass_properties(tumbler.item).mass]
+    expected = [0.0, 0.0, 9.81 * mass_properties(scene.item).mass]
     np.testing.assert_allclose(world._data.qfrc_constraint[free : free + 3], expected, atol=0.01)
 
 
@@ -59,14 +54,14 @@ def fork(tool: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     ]
 
 
-def test_distance_to_the_hand_against_points_on_its_bones(tumbler: HeldScene) -> None:
-    world = World(tumbler)
+def test_distance_to_the_hand_against_points_on_its_bones(scene: HeldScene) -> None:
+    world = World(scene)
     target = world.robot.tool_pose()
-    target[:3, 3] = tumbler.keypoints[9] - [0.16, 0.0, 0.0]
+    target[:3, 3] = scene.keypoints[9] - [0.16, 0.0, 0.0]
     state = drive(world, target, 2.0)[-1]
     tool = world.robot.tool_pose()
     nearest = np.inf
-    for _, start, end, radius in hand_capsules(tumbler):
+    for _, start, end, radius in hand_capsules(scene):
         along = np.linspace(0, 1, 400)[:, None]
         points = transform_points(state.base_from_wrist, (1 - along) * start + along * end)
         local = transform_points(np.linalg.inv(tool), points)
@@ -86,15 +81,15 @@ def swing(time: float) -> np.ndarray:
     return pose
 
 
-def test_the_hand_follows_its_path(tumbler: HeldScene) -> None:
-    world = World(tumbler, swing)
+def test_the_hand_follows_its_path(scene: HeldScene) -> None:
+    world = World(scene, swing)
     for _ in range(75):
         world.step(0.02)
-        wanted = swing(world.time) @ tumbler.base_from_wrist
+        wanted = swing(world.time) @ scene.base_from_wrist
         distance, angle = pose_distance(world.state().base_from_wrist, wanted)
         assert distance < 0.004
         assert angle < np.deg2rad(2.0)
-        wanted_points = transform_points(swing(world.time), tumbler.keypoints)
+        wanted_points = transform_points(swing(world.time), scene.keypoints)
         np.testing.assert_allclose(world.keypoints(), wanted_points, atol=0.006)
 
 
@@ -170,8 +165,8 @@ def test_open_fingers_drop_it_and_the_ground_bears_it(handed_over: Handed) -> No
     assert np.mean(borne) == pytest.approx(weight, rel=0.05)
 
 
-def test_time_passes_in_whole_steps(tumbler: HeldScene) -> None:
-    world = World(tumbler)
+def test_time_passes_in_whole_steps(scene: HeldScene) -> None:
+    world = World(scene)
     world.step(0.02)
     assert world.time == pytest.approx(0.02)
     for dt in (0.0, -0.02, 0.003, np.nan):
