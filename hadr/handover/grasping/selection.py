@@ -329,29 +329,25 @@ class Choosing:
         RuntimeError where the search raised a ValueError that does not say there is no grasp: it
         would pass for a bad picture. All other errors pass through as they are.
         """
+        watch, points, scene = self.watch, observation.object_points, observation.scene_points
+        assert points is not None  # else that was the obstacle
+        assert watch.keypoints is not None
         self._searched_at = now
-        chosen, why = self._chosen(observation, robot)
-        self.refuse(why)
+        points = transform_points(watch.base_from_camera, points)
+        if scene is not None:
+            scene = transform_points(watch.base_from_camera, scene)
+        chosen: ChosenGrasp | None = None
+        try:
+            chosen = self.choose_grasp(points, watch.keypoints, robot, scene, self.config.way)
+            if chosen is not None:
+                check_pose(chosen.pose, "the chosen grasp")
+            self.refuse("" if chosen else "no grasp: none that is free and within reach")
+        except NO_GRASP as error:
+            self.refuse(f"no grasp: {error}")
+        except ValueError as error:
+            raise RuntimeError(f"the choice of a grasp failed: {error}") from error
         return chosen
 
     def refuse(self, why: str) -> None:
         """Keep why the last search led to nothing; an empty string: it led to a grasp."""
         self.caution = self.reason = self._found = why
-
-    def _chosen(self, observation: Observation, robot: Robot) -> tuple[ChosenGrasp | None, str]:
-        """The grasp, or why there is none."""
-        watch, points, scene = self.watch, observation.object_points, observation.scene_points
-        if points is None or watch.keypoints is None:
-            return None, self._found
-        if scene is not None:
-            scene = transform_points(watch.base_from_camera, scene)
-        points = transform_points(watch.base_from_camera, points)
-        try:
-            chosen = self.choose_grasp(points, watch.keypoints, robot, scene, self.config.way)
-            if chosen is not None:
-                check_pose(chosen.pose, "the chosen grasp")
-        except NO_GRASP as error:
-            return None, f"no grasp: {error}"
-        except ValueError as error:
-            raise RuntimeError(f"the choice of a grasp failed: {error}") from error
-        return chosen, "" if chosen else "no grasp: none that is free and within reach"
