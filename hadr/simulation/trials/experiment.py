@@ -11,7 +11,6 @@ missing or damaged.
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import signal
@@ -29,6 +28,7 @@ import torch
 from hadr.handover.stages import Stage, Transition
 from hadr.records.caches import file_sha256
 from hadr.records.provenance import plain, record_of
+from hadr.records.reading import read_json, structured
 from hadr.records.result_file import digest, is_sealed, seal_row, sealed_row
 from hadr.records.writing import set_aside
 from hadr.simulation.film.film import film_frames, write_film
@@ -234,16 +234,9 @@ def finished_attempt(
 def read_row(path: Path) -> dict[str, Any]:
     """Read an attempt's row, whatever attempt it is of; ValueError where it is cut off or none."""
     try:
-        row = json.loads(path.read_text(encoding="utf-8"))
+        return structured(read_json(path), dict[str, Any], path)
     except ValueError as error:
-        raise ValueError(
-            f"{path} is cut off or no JSON ({error}); hadr handover makes the attempt again"
-        ) from error
-    if not isinstance(row, dict):
-        raise ValueError(
-            f"{path} holds a {type(row).__name__} and no attempt; hadr handover makes it again"
-        )
-    return row
+        raise ValueError(f"{error}; hadr handover makes the attempt again") from error
 
 
 def film_path(out: Path, trial: Trial) -> Path:

@@ -125,9 +125,9 @@ def test_what_cannot_be_read_is_named_with_what_to_do(made: Counter[Trial], tmp_
     states.unlink()
     with pytest.raises(FileNotFoundError, match=rf"{states} is missing: hadr handover makes"):
         finished_attempt(tmp_path, trial)
-    for text, says in ((kept[:200], "is cut off or no JSON"), ("[1]", "holds a list")):
+    for text, says in ((kept[:200], " is not valid JSON"), ("[1]", ": must be named values")):
         path.write_text(text)
-        with pytest.raises(ValueError, match=rf"{path} {says}.*hadr handover makes"):
+        with pytest.raises(ValueError, match=rf"{path}{says}.*hadr handover makes"):
             finished_attempt(tmp_path, trial)
 
 
