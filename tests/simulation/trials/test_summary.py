@@ -145,12 +145,6 @@ def test_objects_above_the_papers_marks() -> None:
     assert marks == [3, 2, 1]
 
 
-def test_the_interval_is_wilsons() -> None:
-    # a published value: 8 of 10 give 0.490 to 0.943
-    ten = condition_row("x", [outcome("0000", "success" if i < 8 else "drop") for i in range(10)])
-    assert ten["interval"] == pytest.approx([0.490, 0.943], abs=5e-4)
-
-
 def test_means_without_a_success_are_nan_and_no_outcome_is_refused() -> None:
     row = condition_row("raw", [outcome("0000", "drop")])
     assert math.isnan(row["mean_seconds"])
