@@ -145,6 +145,10 @@ def test_pictures_look_like_the_training_frames_and_repeat(
     missing = one.raw_depth == 0
     assert 0.6 < missing[one.object_mask].mean() < 0.95
     assert 0.03 < missing[~one.object_mask].mean() < 0.35
+    error = np.abs(one.raw_depth - one.depth)
+    # the glass itself is seldom measured; without it 0.02 would be right by chance
+    assert 0.03 < (error[one.object_mask] < 0.01).mean() < 0.12
+    assert 0.0005 < np.median(error[one.hand_mask & ~missing]) < 0.004
 
 
 @pytest.mark.parametrize("degrees", [0.0, 3.0])
