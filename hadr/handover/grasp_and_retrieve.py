@@ -239,6 +239,7 @@ class Retrieval:
         """Tell the fingers of a grasp's width, metres, to close at a tool pose (4, 4)."""
         self._pose, self._told = pose, max(0.0, width - self.arm.config.squeeze)
         self._travelled = 0.0
+        self.arm.closed_to = None
         self.arm.robot.set_gripper(self._told, stages.GENTLE_FORCE)
         self._still = (now, self.arm.reading.width)
         self.enter("close", now)
@@ -276,10 +277,23 @@ class Retrieval:
             arm.go(goal, 2 * c.advance_speed, dt)
             if held < stages.ALONE_AFTER <= self._travelled:
                 arm.robot.set_gripper(self._told, stages.FIRM_FORCE)
+                arm.closed_to = self._told
             near = pose_distance(arm.reading.tool, goal)[0] < stages.ARRIVE_DISTANCE
             if self._travelled >= stages.RETREAT and near:
                 self.enter("carry", now)
         return False
+
+    def blocked(self, now: float) -> str:
+        """Say that the hand is in the rest of the way back, or nothing."""
+        arm, c = self.arm, self.arm.config
+        if self.part not in ("retreat", "carry"):
+            return ""
+        goal = arm.home if self.part == "carry" else forward_of(self._pose, -stages.RETREAT)
+        try:
+            arm.leaving(*arm.ahead(goal), speed=c.advance_speed, now=now)
+        except HaltError as halt:
+            return str(halt)
+        return ""
 
     def _pulled(self, now: float) -> bool:
         """Whether somebody pulls at the object; the wait for the hand to let go begins anew."""

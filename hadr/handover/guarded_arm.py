@@ -59,7 +59,8 @@ class GuardedArm:
     """A robot with a reference that runs before it; poses (4, 4) in metres, base frame.
 
     `reading` is what it said at the start of this step, `home` where the tool was at the start;
-    `caution` says why it is slower than it could be.
+    `caution` says why it is slower than it could be. `closed_to` is how far the fingers were told
+    to close, metres, once the gripper alone holds the object; None before.
     """
 
     robot: Robot
@@ -68,6 +69,7 @@ class GuardedArm:
     reading: Reading = field(init=False)
     home: Array = field(init=False)
     caution: str = field(default="", init=False)
+    closed_to: float | None = field(default=None, init=False)
     _reference: Array | None = field(default=None, init=False)
     _holding: bool = field(default=False, init=False)
     _trail: list[Array] = field(default_factory=list, init=False)
@@ -176,8 +178,10 @@ class GuardedArm:
 
     @property
     def around_something(self) -> bool:
-        """True where both fingers press."""
-        return self.reading.press > safety.PRESSED
+        """True where both fingers press, or the gripper alone holds and they are kept apart."""
+        told, margin = self.closed_to, self.config.safety.held_margin
+        apart = told is not None and safety.something_held(self.reading.width, told, margin)
+        return apart or self.reading.press > safety.PRESSED
 
     def free(self, *path: Array, width: float | None = None, hand: Array | None = None) -> float:
         """Least free space between robot and skin, metres.

@@ -1,7 +1,8 @@
 """What the arm does after a stop, until it may start again.
 
 It stands; after a protective stop, until a person has released it. Fingers that are around
-something stay so, unless somebody pulls at it: they never drop what the gripper alone may hold.
+something stay so, unless somebody pulls at it all the while; and once the gripper alone holds it,
+a hand must be there to take it: they never drop it.
 Else, beside the hand, they open and the arm backs off; from a hand that is then still too near it
 backs off farther. No way back brings it nearer to the hand.
 """
@@ -41,6 +42,7 @@ class Recovery:
         self.arm.robot.stop()
         self._back, self._opening, self._straight = back, opening, straight
         self._yields, self._clear_from, self._travelled = 0, now, 0.0
+        self._left_alone_at = now
         self._enter("still", now)
 
     def step(self, now: float, dt: float) -> bool:
@@ -51,13 +53,16 @@ class Recovery:
         holds = arm.around_something  # then the hand may be as near as it was when it gave
         if not (self.trouble or holds) and free < arm.config.safety.approach_distance:
             self.trouble = f"hand {1000 * free:.0f} mm from the gripper"
+        if not self._pulled(free):
+            self._left_alone_at = now
         if arm.reading.protective_stop:
             self.trouble = "a person must release the protective stop"
         elif self.part == "still" and now - self._since >= STAND_TIME - 1e-9:
-            pulled = safety.hand_pull(arm.reading.wrench[:3]) > safety.HAND_PULL
+            pulled = now - self._left_alone_at >= STAND_TIME - 1e-9
             leaves = self._back > 0 and (pulled or not holds)
             if leaves:
                 arm.release()
+                arm.closed_to = None
                 if self._opening is not None:
                     arm.robot.set_gripper(self._opening, GENTLE_FORCE)
             self._enter("open" if leaves else "clear", now)
@@ -84,6 +89,11 @@ class Recovery:
         if self.trouble or self.part in ("open", "back"):
             self._clear_from = now
         return self.part == "clear" and now - self._clear_from >= STAND_TIME - 1e-9
+
+    def _pulled(self, free: float) -> bool:
+        """Whether somebody pulls at the object who can hold it: of free space in metres."""
+        taken = self.arm.closed_to is None or free <= safety.AT_THE_GLASS
+        return taken and safety.hand_pull(self.arm.reading.wrench[:3]) > safety.HAND_PULL
 
     def stay(self, now: float) -> None:
         """Back off no farther; stand and wait for the cause to go."""

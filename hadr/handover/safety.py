@@ -35,6 +35,8 @@ HAND_PULL = 3.0
 """What pulls at the gripper harder is a person who holds the object, newtons."""
 PRESSED = 0.5
 """Fingers that press harder are around something, newtons."""
+AT_THE_GLASS = 0.05
+"""A hand farther from the gripper than this, metres, does not hold what it carries."""
 PALM = (0.03, 0.20)
 """Shortest and longest way from wrist to the middle finger's knuckle, metres."""
 HUMAN_SPEED = 1.6

@@ -310,6 +310,9 @@ class Handover:
         if self.tries >= self.config.tries:
             self._leave(f"stopped {self.tries} times", observation)
         elif self.retrieval.part and self.arm.around_something:
+            self.caution = self.retrieval.blocked(self.time)
+            if self.caution:
+                return
             self.arm.release()
             self.retrieval.enter(self.retrieval.part, self.time)
             self._enter(Stage.GRASP_AND_RETRIEVE, "the cause of the stop is gone, object held")

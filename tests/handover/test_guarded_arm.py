@@ -1,12 +1,14 @@
-"""The reference that runs before the tool."""
+"""The reference that runs before the tool, and how fast it may beside a hand."""
 
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.observation import HandWatch
 from hadr.handover.safety import SafetyConfig
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import HandoverConfig
 
 
@@ -31,3 +33,22 @@ def test_the_reference_moves_at_its_speed_and_does_not_run_ahead() -> None:
     arm.release()
     arm.hold(0.02)
     np.testing.assert_array_equal(told[-1], tool)
+
+
+@pytest.mark.parametrize(
+    ("age", "toward", "speed"),
+    [(0.2, 0.1, 0.04), (0.0, 0.1, 0.2), (0.2, 0.0, 0.25)],
+    ids=["both", "a picture of now", "a hand that stands"],
+)
+def test_beside_a_hand_its_speed_follows_from_the_hands_and_the_pictures_age(
+    age: float, toward: float, speed: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By hand: of 60 mm 15 must stay and 10 are uncertainty; the hand takes its part of 35."""
+    arm = GuardedArm(SimulatedUR5(), HandoverConfig(), HandWatch(np.eye(4), SafetyConfig()))
+    tool = arm.reading.tool[:3, 3]
+    arm.watch.keypoints = np.zeros((21, 3))
+    monkeypatch.setattr(GuardedArm, "free", lambda *_: 0.060)
+    monkeypatch.setattr(HandWatch, "middle", tool + np.array([0.2, 0.0, 0.0]))
+    monkeypatch.setattr(HandWatch, "velocity", lambda *_: np.array([-toward, 0.0, 0.0]))
+    monkeypatch.setattr(HandWatch, "age", age)
+    assert 0.25 * arm.allowed([], 0.015, 0.25) == pytest.approx(speed)

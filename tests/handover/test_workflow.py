@@ -14,6 +14,7 @@ from hypothesis.extra.numpy import arrays
 from hadr.handover import ur5
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.selection import GraspSelection
+from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.observation import Observation
 from hadr.handover.poses import pose_distance
 from hadr.handover.safety import SafetyConfig
@@ -354,14 +355,15 @@ def test_too_many_stops_with_an_object_leave_it_standing_with_the_object() -> No
     assert moments[-1].gripper_width < 0.06
 
 
-@pytest.mark.parametrize("part", ["let go", "retreat", "carry"])
+def pull(until: float) -> Disturb:
+    def aside(handover: Handover, arm: SimulatedUR5, since: float) -> None:
+        arm.wrench[:3] = [0.0, 4.0 * (since < until), -3.6]  # and the weight of a glass
+
+    return aside
+
+
+@pytest.mark.parametrize("part", ["let go", "retreat"])
 def test_it_waits_for_who_pulls_and_gives_back_what_is_pulled_at_for_long(part: str) -> None:
-    def pull(until: float) -> Disturb:
-        def aside(handover: Handover, arm: SimulatedUR5, since: float) -> None:
-            arm.wrench[:3] = [0.0, 4.0 * (since < until), -3.6]  # and the weight of a glass
-
-        return aside
-
     assert afters(disturbed(part, pull(1.0))[0]) == STAGES
     handover, moments, begun = disturbed(part, pull(4.0))
     waits = [m for m in moments if begun + 0.3 < m.time < begun + 2.0]
@@ -374,6 +376,58 @@ def test_it_waits_for_who_pulls_and_gives_back_what_is_pulled_at_for_long(part: 
     assert later.gripper_width == pytest.approx(0.075)
     away = later.tool[:3, 3] - waits[-1].tool[:3, 3]
     assert away @ waits[-1].tool[:3, 2] < -0.02  # backs off
+
+
+def test_what_pulls_where_no_hand_is_gets_nothing() -> None:
+    handover, moments, begun = disturbed("carry", pull(4.0))
+    assert first_stop(handover)[1] == "somebody pulls at the object with 4.0 N"
+    held = [m for m in moments if m.time >= begun]
+    assert max(m.gripper_width for m in held) < 0.06
+    assert handover.stage is Stage.FINISHED
+
+
+@pytest.mark.parametrize("force", [np.nan, 0.0])
+def test_fingers_that_feel_nothing_are_around_what_keeps_them_apart(
+    force: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = GuardedArm.read
+
+    def feels_nothing(arm: GuardedArm) -> None:
+        read(arm)
+        arm.reading = arm.reading._replace(press=force)
+
+    def numb_fingers(handover: Handover, arm: SimulatedUR5, since: float) -> None:
+        monkeypatch.setattr(GuardedArm, "read", feels_nothing)
+        late(handover, arm, since)
+
+    handover, moments, begun = disturbed("carry", numb_fingers)
+    assert first_stop(handover)[0] >= begun
+    assert max(m.gripper_width for m in moments if m.time >= begun) < 0.06
+    assert handover.stage is Stage.FINISHED
+
+
+def test_with_the_object_it_waits_for_a_hand_in_its_way_to_go() -> None:
+    handover = fixed_handover()
+    begun: list[tuple[float, np.ndarray]] = []
+
+    def block(seen: Observation) -> Observation:
+        tool, home = handover.arm.reading.tool[:3, 3], handover.arm.home[:3, 3]
+        if handover.part == "carry" and not begun:
+            begun.append((seen.time, tool + 0.15 * (home - tool) / np.linalg.norm(home - tool)))
+        if not begun or seen.time > begun[0][0] + 4.0:
+            return seen
+        if seen.time < begun[0][0] + 0.1:
+            return replace(seen, keypoints=None)
+        hand = SCENE.keypoints - SCENE.keypoints.mean(axis=0) + begun[0][1]
+        hand += 1e-6 * np.random.default_rng(int(1e3 * seen.taken)).normal(size=hand.shape)
+        return replace(seen, keypoints=(hand - CAMERA[:3, 3]) @ CAMERA[:3, :3])
+
+    run(handover, spoil=block)
+    stops = [t for t in handover.transitions if t.after is Stage.STOPPED]
+    assert ["from the gripper's path" in t.reason for t in stops] == [True]
+    again = next(t.time for t in handover.transitions if t.before is Stage.STOPPED)
+    assert 4.0 < again - begun[0][0] < 5.5
+    assert handover.stage is Stage.FINISHED
 
 
 def test_the_fingers_press_firmly_only_after_a_way_without_a_pull() -> None:
