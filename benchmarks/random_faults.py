@@ -5,8 +5,8 @@
 Each run is a rehearsal on the arm without physics: a hand that swings, and one to three faults of
 perception, robot or person that begin and end at random. The judge shares nothing with the guard:
 speeds are finite differences of the recorded joints, the arm is the surface that pictures show, the
-person the skin of the same pictures, where they truly are. Runs that are in the file are not made
-again.
+person the skin of the same pictures, where they truly are. It does not ask for distances while the
+object is carried away from the hand. Runs that are in the file are not made again.
 """
 
 from __future__ import annotations
@@ -49,6 +49,8 @@ INTO_SKIN, BLIND_WAY = 0.002, 0.010
 """The arm's own way into the skin, or toward it while blind, that counts as unsafe, metres."""
 BLIND_AFTER = 0.3 + 0.15 + 2 * DT
 """Unseen for so long, seconds, a hand must have stopped the arm: its own limit, time to brake."""
+TAKES = 0.06
+"""Fingers that alone hold the object may open for a hand that is so near to them, metres."""
 
 
 @dataclass(frozen=True)
@@ -256,6 +258,10 @@ def unsafe(moments: list[Moment], unseen: list[bool], skin: Array) -> dict[str, 
     for k, (before, now) in enumerate(pairwise(moments), start=1):
         blind_for = blind_for + DT if k < len(unseen) and unseen[k] else 0.0
         toward = toward if blind_for > BLIND_AFTER else 0.0
+        if before.holder == "gripper" and now.gripper_width > before.gripper_width + 1e-6:
+            away = depth_in(now, transform_points(now.base_from_wrist, skin))
+            if away > TAKES:
+                found["opened with no hand there, m"] = away
         moved = now.stage.value != "Grasp & Retrieve" or now.holder != "gripper"
         if np.allclose(before.joints, now.joints, atol=1e-9) or not moved:
             continue
