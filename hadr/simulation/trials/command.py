@@ -90,8 +90,8 @@ class Options:
     replay: Annotated[str | None, FILE] = None
     """Replay an attempt's log and print its changes of stage and its cautions; runs none."""
     conditions: Annotated[tuple[str, ...], tyro.conf.arg(metavar="CONDITION")] = (
-        *("raw", "inpainted", "hadr", "perfect"),
-        *("hadr-no-rescoring", "hadr-no-tracking"),
+        *("raw", "inpainted", "unet-hand"),
+        *("hadr", "hadr-plus", "perfect"),
     )
     """Which to run, see below."""
     objects: Annotated[tuple[str, ...], ID] = TRIAL_OBJECTS

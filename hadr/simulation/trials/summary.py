@@ -17,9 +17,10 @@ INCIDENTS: dict[str, str] = {
     "mm from the gripper's path": "the hand was in the way",
     "out of reach": "the arm's reach ended",
     "singular": "the arm's reach ended",
-    "protective stop": "the hand pushed the arm (protective stop)",
+    "protective stop": "a protective stop",
     "does not fit": "the glass was too wide there",
-    "object dropped or lost": "nothing was between the fingers",
+    "closed on nothing": "nothing was between the fingers",
+    "object dropped or lost": "the glass slipped out of the fingers",
 }
 """What a stop's reason says, and how that is called when attempts are summed up."""
 _LATE = 3.0
