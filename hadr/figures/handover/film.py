@@ -68,7 +68,7 @@ def decisive_state(states: Sequence[WorldState], row: dict[str, Any]) -> WorldSt
 
 
 def show_run(states: Sequence[WorldState], transitions: Sequence[Transition]) -> Figure:
-    """Draw one run over time: distance, opening of the gripper, force on the hand."""
+    """Draw one run over time: distance, opening of the gripper, force of a touch of the hand."""
     time = np.array([state.time for state in states])
     distance = 100 * np.array([state.hand_distance for state in states])
     opening = 1000 * np.array([state.gripper_width for state in states])
@@ -84,7 +84,7 @@ def show_run(states: Sequence[WorldState], transitions: Sequence[Transition]) ->
     low.plot(time, force, color=COLORS["hand"])
     low.axhline(_LARGEST_FORCE, color=COLORS["truth"], lw=1, ls=":")
     low.text(time[0], _LARGEST_FORCE, f" limit {_LARGEST_FORCE:g} N", va="bottom", fontsize=9)
-    low.set(ylabel="force (N)", ylim=(0, 1.5 * max(_LARGEST_FORCE, float(force.max()))))
+    low.set(ylabel="touch (N)", ylim=(0, 1.5 * max(_LARGEST_FORCE, float(force.max()))))
     taken = np.array([state.holder == "gripper" for state in states])
     if taken.any():
         first = int(np.argmax(taken))

@@ -199,8 +199,8 @@ class Outcome:
 
     Attributes:
         verdict: The judge's word.
-        reason: Why it failed: the last transition's reason; without one, why no grasp was chosen.
-            For a time-out where the robot then was, and why it was slow or stood.
+        reason: In words, in which stage it failed and, as far as the workflow knew, why it was slow
+            or stood.
         decided_at: Simulated time of the verdict.
         first_grasp_at: Simulated time at which the first grasp was chosen; NaN without one.
         grasps_chosen: How often one was chosen.
@@ -357,11 +357,11 @@ def _reason(verdict: Verdict, handover: Handover) -> str:
     last = handover.transitions[-1].reason
     if verdict == "success":
         return "the object is at the goal, still held"
-    if verdict != "time-out":
-        return last
     stage, part = handover.stage, ""
+    told = stage in (Stage.STOPPED, Stage.FINISHED)  # why it stands there is what entering it said
+    if verdict == "gave up" or (told and verdict != "time-out"):
+        return last
     if stage in (Stage.GRASP_AND_RETRIEVE, Stage.STOPPED) and handover.part:
         part = f", {handover.part}"
-    told = stage in (Stage.STOPPED, Stage.FINISHED)  # why it stands there is what entering it said
-    why = last if told else handover.caution or last
-    return f"time-out in {stage.value}{part}: {why}"
+    why = last if told else handover.caution
+    return f"{verdict} in {stage.value}{part}" + (f": {why}" if why else "")
