@@ -780,10 +780,10 @@ def test_the_first_pages_film_is_what_its_words_say() -> None:
 
 def test_what_chapter_12_says_of_random_faults_is_so() -> None:
     rows = read_result_file(ROOT / "results" / "random_faults.json").rows
-    # "Two runs count as unsafe, both for one reason"
+    # "One run counts as unsafe", and came "2.5 cm nearer"
     found = [row for row in rows if row["unsafe"]]
-    assert (len(rows), len(found)) == (1000, 2)
+    assert (len(rows), len(found)) == (1000, 1)
     for row in found:
-        assert row["unsafe"].keys() == {"toward a hand unseen, m"}
+        assert row["unsafe"] == {"toward a hand unseen, m": pytest.approx(0.025, abs=5e-4)}
         assert "the hand comes" in row["faults"]
     assert all(1 <= len(row["faults"]) <= 3 for row in rows)
