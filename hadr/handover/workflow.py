@@ -191,6 +191,7 @@ class Handover:
         self._away = way / max(float(np.linalg.norm(way)), 1e-9)
         self._arrived: tuple[float, Array] | None = None
         self._there_since: float | None = None
+        self.arm.closed_to = None
         self.robot.set_gripper(chosen.width, stages.GENTLE_FORCE)
 
     # Approach & React
