@@ -570,6 +570,9 @@ def test_chapter_13_says_what_stops_an_attempt() -> None:
         assert won / tried > of[name]["rate"] + 0.15
     won, tried = of["perfect"]["incidents"]["never stopped"]
     assert won / tried > 0.92  # "nearly all"
+    rates = of["perfect"]["rate_by_object"]
+    easier = [rate for name, rate in rates.items() if name not in ("0008", "0012")]
+    assert f"without mug and coupe it takes {100 * sum(easier) / 6:.0f}" in page_text(CHAPTER_13)
     missed = [
         of[name]["incidents"]["nothing was between the fingers"][1] for name in ("hadr", "perfect")
     ]
