@@ -607,6 +607,10 @@ def test_chapter_13_says_how_hard_the_hand_is_touched() -> None:
     assert [sum(side) for side in zip(*touches, strict=True)] == [18, 3]  # "in 18 of 288"
     alone = touches.count((True, False)), touches.count((False, True))
     assert f"{binomtest(alone[0], sum(alone)).pvalue:.3f}" == "0.001"
+    later = [
+        of[f"{name}-networks"]["failures"]["human contact"] for name in ("hadr", "raw", "inpainted")
+    ]
+    assert (sum(later), f"{binomtest(8, 8 + 3).pvalue:.2f}") == (8, "0.23")  # "of the other"
     record = json.loads(
         (ROOT / "data_samples/checkpoints/hand-keypoints-handover.json").read_text("utf-8")
     )
