@@ -231,9 +231,7 @@ def _measured(bench: Bench, runs: Sequence[Run], jobs: int) -> Iterator[tuple[Ru
         while working or (waiting and not failed):
             while waiting and not failed and len(working) < jobs:
                 run = waiting.pop(0)
-                process = context.Process(
-                    target=_measure_alone, args=(bench, run, os.getpid()), daemon=True
-                )
+                process = context.Process(target=_measure_alone, args=(bench, run, os.getpid()))
                 process.start()
                 working[process.sentinel] = (run, process)
             for sentinel in connection.wait(list(working)):

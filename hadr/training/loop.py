@@ -22,10 +22,12 @@ import torch
 from lightning_fabric import Fabric
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
+from torch.utils.data import DataLoader, Dataset
 from tqdm import tqdm
 
 from hadr.models.blocks.stochastic_depth import set_share
 from hadr.models.networks import network_of
+from hadr.records.provenance import usable_cores
 from hadr.training.frames.augmentation import augment_frames
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.processes import (
@@ -111,6 +113,7 @@ def train(
         validation = evenly(validation, recipe.validation_frames)
     task = task or Task(recipe)
     first_process, processes = fabric.is_global_zero, fabric.world_size
+    ahead = helpers(fabric.device)
     torch.manual_seed(seed)
     network: nn.Module = fabric.to_device(task.build())
     if start is not None:
@@ -148,9 +151,16 @@ def train(
         seen, sums = 0, dict[str, float]()
 
         network.train()
-        for step, share in enumerate(shares(len(frames), in_step, fabric.global_rank, processes)):
-            chosen = order[share.start : share.stop]
-            batch = augment_frames(frames.take(chosen), chosen, recipe, seed, epoch)
+        mine = shares(len(frames), in_step, fabric.global_rank, processes)
+        batches = DataLoader(
+            _Epoch(frames, recipe, seed, epoch),
+            batch_size=None,
+            sampler=[order[share.start : share.stop] for share in mine],
+            num_workers=ahead,
+            multiprocessing_context="fork" if ahead else None,  # they share the frames
+            generator=torch.Generator(),  # else it would draw from that of stochastic depth
+        )
+        for step, (share, batch) in enumerate(zip(mine, batches, strict=True)):
             set_share(network, share.start - share.batch_start, share.batch_size)
             with fabric.autocast():
                 losses = task.losses(
@@ -200,6 +210,25 @@ def train(
     if events is not None:
         events.close()
     return Trained((network if average is None else average.module).eval(), history)
+
+
+def helpers(device: torch.device) -> int:
+    """Say how many processes augment the next batches: up to 4, that no GPU waits for them."""
+    return 0 if device.type == "cpu" else min(4, usable_cores() - 1)
+
+
+@dataclass(frozen=True)
+class _Epoch(Dataset[FrameTensors]):
+    """An epoch's batches, augmented, by the numbers of their frames."""
+
+    frames: FrameTensors
+    recipe: Preset
+    seed: int
+    epoch: int
+
+    def __getitem__(self, chosen: list[int]) -> FrameTensors:
+        batch = self.frames.take(chosen)
+        return augment_frames(batch, chosen, self.recipe, self.seed, self.epoch)
 
 
 def average_of(network: nn.Module, decay: float) -> AveragedModel:

@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from hadr.models.networks import NETWORKS
+from hadr.records.provenance import usable_cores
 from hadr.training.checkpoints import load_checkpoint, update_record
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import (
@@ -20,6 +21,7 @@ from hadr.training.loop import (
     Trained,
     average_of,
     early_look,
+    helpers,
     optimizer_of,
     train,
 )
@@ -44,6 +46,25 @@ def test_a_resumed_training_ends_with_the_same_weights(
     assert [row["epoch"] for row in resumed.history] == [0, 1, 2, 3]
     for one, two in zip(through[0].history, resumed.history, strict=True):
         assert {**one, "seconds": 0} == {**two, "seconds": 0}
+
+
+def test_batches_that_other_processes_prepare_train_alike(
+    micro: Preset,
+    frames: FrameTensors,
+    through: tuple[Trained, Path],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[str] = []
+
+    def two(device: torch.device) -> int:
+        asked.append(device.type)
+        return 2
+
+    assert helpers(torch.device("cpu")) == 0  # a GPU gets some, where there are cores
+    assert helpers(torch.device("cuda")) == min(4, usable_cores() - 1)
+    monkeypatch.setattr("hadr.training.loop.helpers", two)
+    prepared = train(micro, frames, frames, seed=3, progress=False)
+    assert asked == ["cpu"] and same_weights(through[0].model, prepared.model)
 
 
 def test_a_training_that_began_with_published_weights_is_resumed(
