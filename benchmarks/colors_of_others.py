@@ -11,7 +11,7 @@ which shows another object in another hand. What its error gains is what it had 
 from finished_runs import arguments, open_runs, trained, write_rows
 
 from hadr.experiments.averages import paired
-from hadr.experiments.protocol import METHODS, PARTS, SEEING
+from hadr.experiments.protocol import ALL_METHODS
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.training.tasks.diagnosis import with_other_colors
 
@@ -21,7 +21,7 @@ def main() -> None:
     args = arguments(__doc__).parse_args()
     bench = open_runs(args)
     rows = []
-    for run, recipe, model in trained(bench, "known", (*METHODS, *PARTS, *SEEING)):
+    for run, recipe, model in trained(bench, "known", ALL_METHODS):
         frames = bench.frames(run, "test", recipe.size)
         truth = bench.frames(run, "test", EVALUATION_SIZE)
         own = score_network(model, frames, truth)

@@ -28,6 +28,7 @@ from hadr.experiments.conditions import (
 from hadr.experiments.protocol import (
     CHEAP,
     EXPERIMENTS,
+    LONGER,
     METHODS,
     PARTS,
     Experiment,
@@ -89,11 +90,12 @@ def plan(
     Raises:
         ValueError: A wish fits no run.
     """
+    sees = size == "imagenet"
     pairs = [
         (experiment, method)
-        for method in METHODS
+        for method in (dict.fromkeys((*METHODS, *LONGER)) if sees else METHODS)
         for experiment in TABLES
-        if experiment == "known" or method not in KNOWN_ALONE
+        if experiment == "known" or sees or method not in KNOWN_ALONE
     ]
     pairs += [("known", part) for part in PARTS if part not in METHODS]
     pairs += [("known", switch) for switch in switches_of(size)]

@@ -22,7 +22,7 @@ from hadr.data.folders import FrameSource, open_folder
 from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS, split_by_frame
 from hadr.data.transhand import SPLITS
 from hadr.models.blocks.efficientnet_lite import LiteConfig
-from hadr.models.networks import RIVALS
+from hadr.models.networks import DEPTH_NETWORKS, RIVALS
 from hadr.training.losses import CODED
 from hadr.training.presets import preset
 from hadr.training.recipe import Preset
@@ -58,7 +58,14 @@ SEEING: Mapping[str, Mapping[str, Any]] = {
 """What preset imagenet is without its weights, and without its window; and without aggregation,
 which leaves the encoder one stage: its frozen one, so here nothing is frozen."""
 LONG_RUN = 4
-"""How many times as many epochs the long run has."""
+"""How many times as many epochs a long run has."""
+LONGER: Mapping[str, str] = {
+    "hadr-long": "hadr", "unet-hand-long": "unet-hand", "hadr-plus-long": "hadr-plus"
+}  # fmt: skip
+"""The long runs, and whose they are; the last two, and on unknown objects all, are of preset
+imagenet alone."""
+ALL_METHODS = tuple(dict.fromkeys((*METHODS, *LONGER, *PARTS, *SWITCHES, *SEEING)))
+"""Whatever a run can be of, in the order of the tables."""
 
 
 def open_part(roots: Sequence[str | Path], experiment: Experiment, part: Part) -> FrameSource:
@@ -113,19 +120,19 @@ def data_digest(root: str | Path) -> str:
 def recipe_of(method: str, size: str) -> Preset | None:
     """Say how a system is trained at the size of a preset; None: it learns nothing.
 
-    `hadr-long` is HADR with `LONG_RUN` times as many epochs, those of `PARTS`, `SWITCHES` and, with
-    "imagenet", `SEEING` are HADR with one change, the others are their networks' recipes.
+    Those of `LONGER` have `LONG_RUN` times as many epochs as their network's, those of `PARTS`,
+    `SWITCHES` and, with "imagenet", `SEEING` are HADR with one change, the others are their
+    networks' recipes.
     ValueError for an unknown method or preset.
     """
     switches = switches_of(size)
-    if method not in (known := (*METHODS, *PARTS, *switches)):
+    if method not in (known := (*METHODS, *LONGER, *PARTS, *switches)):
         raise ValueError(f"method must be one of {', '.join(known)}, got {method!r}")
     if method in CHEAP:
         return None
-    if method in ("hadr-plus", "unet-hand", *RIVALS):
-        return preset(size, method)
-    recipe = preset(size, "hadr")
-    if method == "hadr-long":
+    network = LONGER.get(method, method)
+    recipe = preset(size, network if network in DEPTH_NETWORKS else "hadr")
+    if method in LONGER:
         recipe = replace(
             recipe, epochs=LONG_RUN * recipe.epochs, drop_epoch=LONG_RUN * recipe.drop_epoch
         )

@@ -194,7 +194,8 @@ class Bench:
         else:
             set_aside_another(folder, recipe, self.data_of(run, recipe))
             trained = self.train(run, recipe, folder)
-            trained_at = {"trained_at": read_record(folder / LAST)["made_with"].get("commit")}
+            made_with = read_record(folder / LAST)["made_with"]
+            trained_at = {"trained_at": made_with.get("commit")}
             started = time.perf_counter()
             scores = self.score(run, recipe, trained.model)
             columns = {
@@ -203,7 +204,7 @@ class Bench:
                 "training_frames": len(self.frames(run, "train", recipe.size)),
                 "training_s": sum(row["seconds"] for row in trained.history),
                 "threads": torch.get_num_threads(),
-                "device": self.device,
+                "device": made_with.get("device", self.device),
             }
             seconds = accumulate(row["seconds"] for row in trained.history)
             curve = {

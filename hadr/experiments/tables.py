@@ -26,7 +26,16 @@ from hadr.experiments.conditions import (
     keypoints_given,
     masks_given,
 )
-from hadr.experiments.protocol import EXPERIMENTS, METHODS, PARTS, SEEING, SWITCHES, Experiment
+from hadr.experiments.protocol import (
+    ALL_METHODS,
+    EXPERIMENTS,
+    LONGER,
+    METHODS,
+    PARTS,
+    SEEING,
+    SWITCHES,
+    Experiment,
+)
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE
 from hadr.models.networks import RIVALS
@@ -68,9 +77,9 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
         "keypoints": (keypoints_given(bench), WITH_HAND),
         "segmentation": (masks_given(bench), IN_CONDITIONS),
     }
+    compared = dict.fromkeys((*METHODS, *LONGER))
     tables: dict[str, list[dict[str, Any]]] = {
-        "known": [found[key] for m in METHODS if (key := ("known", m)) in found],
-        "unknown": [found[key] for m in METHODS if (key := ("unknown", m)) in found],
+        **{split: [found[split, m] for m in compared if (split, m) in found] for split in TABLES},
         "ablation": [
             {**found[key], "method": name, "against_full": gaps.get(method)}
             for name, method in ABLATION.items()
@@ -111,20 +120,19 @@ def against_next(
 
 def finished_rows(bench: Bench) -> list[dict[str, Any]]:
     """The rows of all finished runs of a bench, the methods in the tables' order."""
-    order = [*METHODS, *PARTS, *SWITCHES, *SEEING]
     runs = sorted(
-        runs_in(bench.out), key=lambda run: (order.index(run.method), run.experiment, run.seed)
+        runs_in(bench.out),
+        key=lambda run: (ALL_METHODS.index(run.method), run.experiment, run.seed),
     )
     return [row for run in runs if (row := bench.finished(run)) is not None]
 
 
 def runs_in(out: Path) -> Iterator[Run]:
     """The runs that have a row, finished with the present configuration or not."""
-    known = {*METHODS, *PARTS, *SWITCHES, *SEEING}
     for path in sorted(out.glob("*/*/seed-*/row.json")):
         experiment, method, seed = path.parts[-4:-1]
         number = seed.removeprefix("seed-")
-        if method in known and experiment in EXPERIMENTS and number.isdigit():
+        if method in ALL_METHODS and experiment in EXPERIMENTS and number.isdigit():
             yield Run(experiment, method, int(number))
 
 

@@ -108,7 +108,7 @@ class TrainingFolder:
         `result` is the network, or its average; smallest `score` of the history is the best epoch.
         """
         state = adam_state(optimizer)
-        meta = self._meta(history, score)
+        meta = self._meta(history, score, device_name(network))
         if result is not network:
             state |= {_RAW + name: values for name, values in network.state_dict().items()}
         save_checkpoint(self.path / LAST, result, meta, training_state=state)
@@ -151,7 +151,7 @@ class TrainingFolder:
         self._write_history(history)
         return history
 
-    def _meta(self, history: History, score: str | None) -> dict[str, Any]:
+    def _meta(self, history: History, score: str | None, device: str) -> dict[str, Any]:
         return {
             "width": self.recipe.width,
             "height": self.recipe.height,
@@ -161,7 +161,7 @@ class TrainingFolder:
             "epochs": len(history),
             "score": score,
             "history": history,
-            "made_with": provenance(),
+            "made_with": {**provenance(), "device": device},
         }
 
     def _epochs_of(self, name: str) -> int | None:
@@ -208,6 +208,12 @@ class TrainingFolder:
                         f"{last} was trained with {name} = {then}, not {now}; resume it with the "
                         "same, or name another folder"
                     )
+
+
+def device_name(network: nn.Module) -> str:
+    """Say what a network lies on: "cpu", or a GPU's name."""
+    device = next(network.parameters()).device
+    return torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
 
 
 def best_epoch(history: History, score: str | None) -> int | None:
