@@ -59,11 +59,12 @@ SEEING: Mapping[str, Mapping[str, Any]] = {
 which leaves the encoder one stage: its frozen one, so here nothing is frozen."""
 LONG_RUN = 4
 """How many times as many epochs a long run has."""
-LONGER: Mapping[str, str] = {
-    "hadr-long": "hadr", "unet-hand-long": "unet-hand", "hadr-plus-long": "hadr-plus"
+LONGER: Mapping[str, tuple[str, int]] = {
+    "hadr-long": ("hadr", 16), "unet-hand-long": ("unet-hand", 32),
+    "hadr-plus-long": ("hadr-plus", 32),
 }  # fmt: skip
-"""The long runs, and whose they are; the last two, and on unknown objects all, are of preset
-imagenet alone."""
+"""The long runs, whose they are, and their frames in a step with preset imagenet: enough to keep a
+GPU busy. Only that preset has the last two, and any of unknown objects."""
 ALL_METHODS = tuple(dict.fromkeys((*METHODS, *LONGER, *PARTS, *SWITCHES, *SEEING)))
 """Whatever a run can be of, in the order of the tables."""
 
@@ -130,12 +131,14 @@ def recipe_of(method: str, size: str) -> Preset | None:
         raise ValueError(f"method must be one of {', '.join(known)}, got {method!r}")
     if method in CHEAP:
         return None
-    network = LONGER.get(method, method)
+    network, batch_size = LONGER.get(method, (method, 0))
     recipe = preset(size, network if network in DEPTH_NETWORKS else "hadr")
     if method in LONGER:
         recipe = replace(
             recipe, epochs=LONG_RUN * recipe.epochs, drop_epoch=LONG_RUN * recipe.drop_epoch
         )
+        if size == "imagenet":
+            recipe = replace(recipe, batch_size=batch_size)
     if method in PARTS:
         recipe = replace(recipe, model=_changed(recipe, PARTS[method]))
     if method in switches:

@@ -13,7 +13,7 @@ from hadr.experiments.plan import (
     planned_attempts,
     table_steps,
 )
-from hadr.experiments.protocol import METHODS, PARTS, SWITCHES
+from hadr.experiments.protocol import LONGER, METHODS, PARTS, SWITCHES
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.steps import Step
 from hadr.records.provenance import plain
@@ -49,6 +49,9 @@ def test_a_plan_takes_whole_methods():
     assert [run.seed for run in plan(["known/no-hand"])] == [0]
     assert len(plan(size="tiny")) == len({run.name for run in plan()}) - 4
     assert plan(["known/raw"], seeds=(1, 2)) == [Run("known", "raw", 0)]
+    assert [run.name for run in plan(["hadr-long"])] == ["known/hadr-long/seed-0"]
+    long = {run.name for run in plan(size="imagenet") if run.method.endswith("-long")}
+    assert long == {f"{e}/{m}/seed-0" for e in ("known", "unknown") for m in LONGER}
 
 
 def test_a_row_of_the_ablation_is_the_run_behind_it():

@@ -6,7 +6,7 @@ import pytest
 from hadr.data.samples import samples_dir
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.data.transhand import SPLITS
-from hadr.experiments.protocol import LONG_RUN, data_digest, open_part, recipe_of
+from hadr.experiments.protocol import LONG_RUN, LONGER, data_digest, open_part, recipe_of
 from hadr.synthesis.glass.objects import OBJECTS
 from hadr.training.losses import CODED
 
@@ -53,6 +53,16 @@ def test_digest_is_that_of_names_and_contents(tmp_path):
     assert data_digest(tmp_path / "set") != before
     with pytest.raises(FileNotFoundError, match="no files in the data folder"):
         data_digest(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("method", LONGER)
+def test_long_runs_have_more_epochs_and_larger_batches(method):
+    network, batch = LONGER[method]
+    base, long = recipe_of(network, "imagenet"), recipe_of(method, "imagenet")
+    assert long == replace(
+        base, epochs=4 * base.epochs, drop_epoch=4 * base.drop_epoch, batch_size=batch
+    )
+    assert batch > base.batch_size
 
 
 def test_systems_differ_from_hadr_in_one_thing():

@@ -64,7 +64,8 @@ def test_batches_that_other_processes_prepare_train_alike(
     assert helpers(torch.device("cuda")) == min(4, usable_cores() - 1)
     monkeypatch.setattr("hadr.training.loop.helpers", two)
     prepared = train(micro, frames, frames, seed=3, progress=False)
-    assert asked == ["cpu"] and same_weights(through[0].model, prepared.model)
+    assert asked == ["cpu"]
+    assert same_weights(through[0].model, prepared.model)
 
 
 def test_a_training_that_began_with_published_weights_is_resumed(
