@@ -1,5 +1,6 @@
 """A UR5 that moves in time without physics: as told, within its limits."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,17 +122,21 @@ class SimulatedUR5:
 
         UnreachableError, where none is left, names the limit that the nearest breaks.
         """
-        found = solutions_by_way(base_from_tool, self._joints)
-        problems = [self._broken_limit(joints) for joints in found]
-        allowed: Array = found[[problem == "" for problem in problems]]
-        if not len(allowed):
-            raise UnreachableError(f"no joint angles keep every limit: {problems[0]}")
-        return allowed
+        return np.array(list(self._within_limits(base_from_tool)))
 
     def joints_at(self, base_from_tool: Array) -> Array:
         """Return the nearest joint angles (6,) for a tool pose, see `joint_solutions`."""
-        nearest: Array = self.joint_solutions(base_from_tool)[0]
-        return nearest
+        return next(self._within_limits(base_from_tool))
+
+    def _within_limits(self, base_from_tool: Array) -> Iterator[Array]:
+        found, kept = solutions_by_way(base_from_tool, self._joints), 0
+        for joints in found:
+            if not self._broken_limit(joints):
+                kept += 1
+                yield joints
+        if not kept:
+            problem = self._broken_limit(found[0])
+            raise UnreachableError(f"no joint angles keep every limit: {problem}")
 
     def reachable(self, base_from_tool: Array) -> bool:
         """Say whether the tool could stand at this pose, shape (4, 4), within all limits."""
@@ -157,12 +162,11 @@ class SimulatedUR5:
         if self._stopped or self.protective_stop:
             self._speed_up(np.zeros(6), dt)
             return
-        found = solutions_by_way(base_from_tool, self._joints)
-        goal = next((joints for joints in found if not self._broken_limit(joints)), None)
-        if goal is None:
+        try:
+            goal = self.joints_at(base_from_tool)
+        except UnreachableError:
             self._speed_up(np.zeros(6), dt)
-            problem = self._broken_limit(found[0])
-            raise UnreachableError(f"no joint angles keep every limit: {problem}")
+            raise
         way = goal - self._joints
         longest = max(float(np.abs(way).max()), 1e-12)
         # so fast that from the end of this step on it can brake before the goal

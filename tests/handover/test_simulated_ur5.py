@@ -120,6 +120,26 @@ def test_unreachable_targets_name_the_limit() -> None:
     assert robot.reachable(level_pose(0.5, 0.0, 0.3))
 
 
+@pytest.mark.parametrize("far", [(1.4, 0.0, 0.4), (0.5, 0.0, 0.01)])  # no joints, only bad ones
+def test_before_a_target_out_of_reach_it_brakes_and_does_not_leap_to_a_stand(
+    far: tuple[float, float, float],
+) -> None:
+    arm, dt = SimulatedUR5(), 0.008
+    near = arm.tool_pose()
+    near[0, 3] += 0.1
+    for _ in range(20):
+        arm.servo_to(near, dt)
+    before, moved = arm.joint_positions(), []
+    for _ in range(40):
+        with pytest.raises(UnreachableError):
+            arm.servo_to(level_pose(*far), dt)
+        moved.append(np.abs(arm.joint_positions() - before).max() / dt)
+        before = arm.joint_positions()
+    assert moved[0] > 0
+    assert moved[-1] == 0
+    assert max(-np.diff(moved)) <= JOINT_ACCELERATION * dt + 1e-9
+
+
 def test_home_is_allowed_and_speeds_are_checked() -> None:
     assert SimulatedUR5().reachable(SimulatedUR5().tool_pose())
     with pytest.raises(ValueError, match=r"speed_fraction must lie in \(0, 1\], got 2"):
