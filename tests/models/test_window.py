@@ -151,6 +151,30 @@ def test_a_hole_in_the_answer_stays_one_and_draws_nothing_to_zero() -> None:
     assert answer.depth[answer.restored].tolist() == pytest.approx([0.5] * 64)
 
 
+@dataclass(frozen=True)
+class Marked(DepthOutput):
+    """An answer of which some pixels are at the end of their voxel."""
+
+    clamped: torch.Tensor
+
+
+class MarkingEcho(Echo):
+    """Marks what lies below row 23 of the picture."""
+
+    @through_window
+    def forward(self, inputs: HADRInput) -> Marked:
+        low = inputs.color[:, 1] * HEIGHT > 23.5
+        return Marked(inputs.depth * inputs.mask, inputs.mask, inputs.mask & low)
+
+
+def test_marks_of_the_answer_come_back_to_the_pixels_that_they_are_of() -> None:
+    frame = wall()
+    answer = MarkingEcho(WindowConfig(size=60, margin=1.5)).eval()(frame)
+    low = torch.arange(HEIGHT)[:, None] >= 24
+    assert torch.equal(answer.clamped, frame.mask & low)
+    assert torch.equal(answer.restored, frame.mask)
+
+
 def test_in_training_and_without_a_view_the_frame_is_taken_as_it_is() -> None:
     frame = wall()
     for model in (Echo(None).eval(), Echo(WindowConfig(size=30)).train()):
