@@ -26,7 +26,11 @@ NAMES: dict[str, str] = {
     "no-hand": "HADR without the hand",
     "hadr": "HADR",
     "hadr-long": "HADR, trained longer",
-    **{kind: NETWORKS[kind].title for kind in DEPTH_NETWORKS},
+    **{
+        kind + long: NETWORKS[kind].title + words
+        for kind in DEPTH_NETWORKS
+        for long, words in (("", ""), ("-long", ", trained longer"))
+    },
     "no-aggregation": "HADR without aggregation of scales",
     "no-point-fusion": "HADR without point fusion",
     "hand-2d": "HADR with the 2D hand feature",
