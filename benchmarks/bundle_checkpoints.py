@@ -8,7 +8,7 @@
         --only hadr-mini hadr-plus-mini hand-keypoints-mini
 
     hadr reproduce --preset imagenet --data NEAR --out OUT \\
-        --only known/hadr known/hadr-plus known/unet-hand
+        --only known/hadr-long known/hadr-plus-long known/unet-hand
     python benchmarks/bundle_checkpoints.py --made OUT --data NEAR \\
         --only hadr-imagenet hadr-plus-imagenet
 
@@ -43,8 +43,8 @@ SOURCES: dict[str, tuple[str, Experiment | None]] = {
     "hadr-mini": ("runs/known/hadr-long/seed-0", "known"),
     "hadr-plus-mini": ("runs/known/hadr-plus/seed-0", "known"),
     "hand-keypoints-mini": ("nets/hand-keypoints", None),
-    "hadr-imagenet": ("runs/known/hadr/seed-0", "known"),
-    "hadr-plus-imagenet": ("runs/known/hadr-plus/seed-0", "known"),
+    "hadr-imagenet": ("runs/known/hadr-long/seed-0", "known"),
+    "hadr-plus-imagenet": ("runs/known/hadr-plus-long/seed-0", "known"),
     "unet-hand-handover": ("handover/unet-hand", None),
     "hadr-handover": ("handover/hadr", None),
     "hadr-plus-handover": ("handover/hadr-plus", None),
@@ -125,8 +125,8 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
 def readme_table(folder: Path) -> str:
     """Set what the bundled checkpoints are and what they reach on validation frames."""
     lines = [
-        "| checkpoint | weights | size (MB) | trained on | minutes (one core) | on validation "
-        "frames |",
+        "| checkpoint | weights | size (MB) | trained on | minutes (one core, or GPU) "
+        "| on validation frames |",
         "|:--|--:|--:|:--|--:|:--|",
     ]
     for name in SOURCES:
@@ -134,11 +134,12 @@ def readme_table(folder: Path) -> str:
             continue
         record = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
         size = (folder / f"{name}.safetensors").stat().st_size / 1e6
+        gpu = " (GPU)" * (record["made_with"].get("device", "cpu") != "cpu")
         seen, data = record["validation"], record["data"]
         lines.append(
             f"| `{name}` | {record['weights']['number']:,} | {size:.1f} | "
             f"{data['frames']['train']:,} frames of {len(data['objects'])} objects | "
-            f"{record['training']['seconds'] / 60:.0f} | {reached(seen)} |"
+            f"{record['training']['seconds'] / 60:.0f}{gpu} | {reached(seen)} |"
         )
     return "\n".join(lines)
 
