@@ -28,7 +28,7 @@ from finished_runs import arguments, open_runs, trained, write_rows
 from torch import Tensor
 
 from hadr.experiments.averages import standard_error
-from hadr.experiments.protocol import LEARNED
+from hadr.experiments.protocol import LEARNED, LONGER
 from hadr.experiments.tables import TABLES
 from hadr.rivals.classical import nearest_valid
 from hadr.training.evaluation import predict
@@ -136,7 +136,8 @@ def main() -> None:
     args = parser.parse_args()
     bench = open_runs(args)
     rows = []
-    for run, recipe, model in chain(*(trained(bench, split, LEARNED) for split in TABLES)):
+    methods = (*LEARNED, *LONGER)
+    for run, recipe, model in chain(*(trained(bench, split, methods) for split in TABLES)):
         frames = evenly(bench.frames(run, "test", recipe.size), args.frames)
         cores = [resized(mask, min(SHARES)) for mask in frames.inputs.mask.numpy()]
         counted = [number for number, core in enumerate(cores) if core.sum() >= LEAST_PIXELS]

@@ -13,7 +13,7 @@ from finished_runs import arguments, open_runs, write_rows
 from frame_errors import frame_error, hand_poses, pose_distance, summary
 
 from hadr.experiments.averages import paired
-from hadr.experiments.protocol import LEARNED, PARTS, SEEING, recipe_of
+from hadr.experiments.protocol import LEARNED, LONGER, PARTS, SEEING, recipe_of
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_network
 from hadr.experiments.tables import TABLES
@@ -72,7 +72,7 @@ def main() -> None:
     rows = [
         row_of(bench, run)
         for experiment in TABLES
-        for method in dict.fromkeys(("hand-median", *LEARNED, *changed))
+        for method in dict.fromkeys(("hand-median", *LEARNED, *LONGER, *changed))
         if bench.finished(run := Run(experiment, method)) is not None
     ]
     write_rows(
