@@ -21,7 +21,7 @@ from hadr.rivals.lidf import LIDF
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import CLASSICAL
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.loop import LAST
+from hadr.training.loop import LAST, evenly
 
 
 def row_of(bench: Bench, run: Run) -> dict[str, Any]:
@@ -38,6 +38,9 @@ def row_of(bench: Bench, run: Run) -> dict[str, Any]:
         if isinstance(model, LIDF):
             more = {"refinement": what_refinement_does(model, given, truth, bench, run)}
         depths = list(restored_depth(model, given, truth)[0])
+        seen = [bench.frames(run, "train", size) for size in (recipe.size, EVALUATION_SIZE)]
+        on_training = score_network(model, *(evenly(frames, len(truth)) for frames in seen))
+        more["training_frames_rmse_m"] = on_training.columns()["rmse_m"]
     true, masks = truth.true_depth.numpy(), truth.object_mask.numpy()
     shown = [n for n in range(len(truth)) if (masks[n] & (true[n] > 0)).any()]
     errors = [
@@ -80,7 +83,7 @@ def main() -> None:
         "Parts of the depth error on the test frames, means over the frames, metres: place (median "
         "error), shape (what is left without it), tilt (what is left without the best plane); by "
         "object; by thirds of the frames from the nearest to the farthest learned hand pose; what "
-        "LIDF's refinement adds to its first stage",
+        "LIDF's refinement adds to its first stage; the RMSE on as many training frames",
         rows,
         bench,
     )
