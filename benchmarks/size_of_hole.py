@@ -12,7 +12,7 @@ the glass nearer: of two equal glasses the one whose picture is 1 + s times as w
 glass's own stays. Measured is by how much the median depth moves over the pixels that lie in all
 holes; frames in which fewer than 20 of them are left are not counted. A step of less than a pixel
 changes nothing, so each row says by how much the holes did grow in the mean (the square root of
-the areas' ratio, minus 1).
+the areas' ratio, minus 1). A network that looks through a window keeps the window of the true hole.
 """
 
 from collections.abc import Sequence
@@ -30,6 +30,7 @@ from torch import Tensor
 from hadr.experiments.averages import standard_error
 from hadr.experiments.protocol import LEARNED, LONGER
 from hadr.experiments.tables import TABLES
+from hadr.models.window import WindowConfig, lay_windows, nearest, seen_through
 from hadr.rivals.classical import nearest_valid
 from hadr.training.evaluation import predict
 from hadr.training.frames.batches import FrameTensors
@@ -79,6 +80,16 @@ def _given(
 ) -> FrameTensors:
     mask, depth = torch.from_numpy(np.stack(masks)), torch.from_numpy(np.stack(depths))
     return replace(frames, inputs=replace(frames.inputs, mask=mask, depth=depth))
+
+
+def in_windows(frames: FrameTensors, view: WindowConfig) -> FrameTensors:
+    """Give the frames as the network sees them, through windows that no other hole moves."""
+    crop = lay_windows(frames.inputs, view)
+    images = {
+        name: nearest(crop, getattr(frames, name))
+        for name in ("true_depth", "hand_mask", "object_mask")
+    }
+    return replace(frames, inputs=seen_through(crop, frames.inputs), **images)
 
 
 def grown(frames: FrameTensors, other: FrameTensors) -> float:
@@ -139,6 +150,9 @@ def main() -> None:
     methods = (*LEARNED, *LONGER)
     for run, recipe, model in chain(*(trained(bench, split, methods) for split in TABLES)):
         frames = evenly(bench.frames(run, "test", recipe.size), args.frames)
+        if view := getattr(model.config, "view", None):
+            frames = in_windows(frames.take(range(len(frames))), view)
+            model.config = replace(model.config, view=None)
         cores = [resized(mask, min(SHARES)) for mask in frames.inputs.mask.numpy()]
         counted = [number for number, core in enumerate(cores) if core.sum() >= LEAST_PIXELS]
         frames = frames.take(counted)
@@ -152,9 +166,9 @@ def main() -> None:
             flush=True,
         )
     what = (
-        "By how much the restored median depth of the glass moves on test frames, preset mini, "
-        "when its hole is wider or narrower by a share of its radius, and when what the widest "
-        "adds is cut elsewhere; metres, standard errors over holds"
+        f"By how much the restored median depth of the glass moves on test frames, preset "
+        f"{args.preset}, when its hole is wider or narrower by a share of its radius, and when "
+        "what the widest adds is cut elsewhere; metres, standard errors over holds"
     )
     write_rows(args.json, what, rows, bench)
 
