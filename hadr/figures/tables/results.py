@@ -46,7 +46,11 @@ _SIGNS = (
 )  # fmt: skip
 """Colour and marker of the depth networks, in the order of their table; the last are to spare."""
 _SIGN: dict[str, tuple[str, str]] = {
-    **dict(zip(DEPTH_NETWORKS, cycle(_SIGNS), strict=False)),
+    **{
+        kind + long: sign
+        for kind, sign in zip(DEPTH_NETWORKS, cycle(_SIGNS), strict=False)
+        for long in ("", "-long")
+    },
     "hadr-long": ("voxel", "s"),
     "no-hand": ("glass", "o"),
     "hand-median": ("hand", "D"),
