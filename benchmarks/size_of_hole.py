@@ -13,6 +13,8 @@ glass's own stays. Measured is by how much the median depth moves over the pixel
 holes; frames in which fewer than 20 of them are left are not counted. A step of less than a pixel
 changes nothing, so each row says by how much the holes did grow in the mean (the square root of
 the areas' ratio, minus 1). A network that looks through a window keeps the window of the true hole.
+HADR-plus lays its crop around the hole that it is given, and mostly does not see what is cut
+elsewhere.
 """
 
 from collections.abc import Sequence

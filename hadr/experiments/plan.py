@@ -10,7 +10,8 @@ import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import closing
 from multiprocessing import connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     Attempts = Mapping[str, Sequence[Trial]]
 
 KNOWN_ALONE = ("hadr-long",)
-"""Trained for the known objects alone: it asks whether HADR had too few epochs."""
+"""Trained for the known objects alone, but in preset imagenet: did HADR have too few epochs?"""
 OFTEN = ("hadr", "no-hand")
 """Trained three times on the six objects, so that the hand's worth can be told from luck."""
 
@@ -202,16 +203,16 @@ def measure_all(bench: Bench, runs: Sequence[Run], tables: str | Path, *, jobs: 
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, got {jobs}")
     done = {run for run in runs if bench.finished(run) is not None}
-    for number, (run, row) in enumerate(_measured(bench, runs, jobs), start=1):
-        state = (
-            "was there" if run in done else f"{row.get('training_s', 0) / 60:.1f} min of training"
-        )
-        print(
-            f"[{number}/{len(runs)}] {run.name:<32} RMSE {row['rmse_m']:.4f} m, "
-            f"δ1.05 {row['delta_105']:.2f} % ({state})"
-        )
-        if run not in done:
-            write_tables(bench, tables)
+    with closing(_measured(bench, runs, jobs)) as measured:  # an error here ends its processes
+        for number, (run, row) in enumerate(measured, start=1):
+            minutes = row.get("training_s", 0) / 60
+            state = "was there" if run in done else f"{minutes:.1f} min of training"
+            print(
+                f"[{number}/{len(runs)}] {run.name:<32} RMSE {row['rmse_m']:.4f} m, "
+                f"δ1.05 {row['delta_105']:.2f} % ({state})"
+            )
+            if run not in done:
+                write_tables(bench, tables)
     for run, name, given in _conditions(bench, runs):
         if finished_condition(bench, run, name, given) is None:
             row = measure_condition(bench, run, name, given)
@@ -219,7 +220,9 @@ def measure_all(bench: Bench, runs: Sequence[Run], tables: str | Path, *, jobs: 
     write_tables(bench, tables)
 
 
-def _measured(bench: Bench, runs: Sequence[Run], jobs: int) -> Iterator[tuple[Run, dict[str, Any]]]:
+def _measured(
+    bench: Bench, runs: Sequence[Run], jobs: int
+) -> Generator[tuple[Run, dict[str, Any]]]:
     """The runs with their rows, in the order in which they are finished."""
     if jobs == 1:
         for run in runs:
@@ -233,6 +236,7 @@ def _measured(bench: Bench, runs: Sequence[Run], jobs: int) -> Iterator[tuple[Ru
         while working or (waiting and not failed):
             while waiting and not failed and len(working) < jobs:
                 run = waiting.pop(0)
+                # no daemon: with a GPU it has processes of its own, which prepare its batches
                 process = context.Process(target=_measure_alone, args=(bench, run, os.getpid()))
                 process.start()
                 working[process.sentinel] = (run, process)

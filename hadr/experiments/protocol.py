@@ -64,7 +64,8 @@ LONGER: Mapping[str, tuple[str, int]] = {
     "hadr-plus-long": ("hadr-plus", 32),
 }  # fmt: skip
 """The long runs, whose they are, and their frames in a step with preset imagenet: enough to keep a
-GPU busy. Only that preset has the last two, and any of unknown objects."""
+GPU busy. So HADR and the U-Net make twice as many steps, HADR-plus as many as its short run. Only
+that preset has the last two, and any of unknown objects."""
 ALL_METHODS = tuple(dict.fromkeys((*METHODS, *LONGER, *PARTS, *SWITCHES, *SEEING)))
 """Whatever a run can be of, in the order of the tables."""
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 from lightning_fabric import Fabric
@@ -158,6 +159,7 @@ def train(
             sampler=[order[share.start : share.stop] for share in mine],
             num_workers=ahead,
             multiprocessing_context="fork" if ahead else None,  # they share the frames
+            worker_init_fn=_alone,
             generator=torch.Generator(),  # else it would draw from that of stochastic depth
         )
         for step, (share, batch) in enumerate(zip(mine, batches, strict=True)):
@@ -215,6 +217,11 @@ def train(
 def helpers(device: torch.device) -> int:
     """Say how many processes augment the next batches: up to 4, that no GPU waits for them."""
     return 0 if device.type == "cpu" else min(4, usable_cores() - 1)
+
+
+def _alone(_: int) -> None:
+    """Keep OpenCV in a forked process to one thread: it can't use those that its parent had."""
+    cv2.setNumThreads(0)
 
 
 @dataclass(frozen=True)
