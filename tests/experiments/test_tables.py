@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import statistics
 from dataclasses import replace
 from pathlib import Path
@@ -323,3 +324,22 @@ def test_several_processes_give_the_rows_of_one_and_the_failing_one_is_named(
     assert "last.safetensors" in capfd.readouterr().err
     with pytest.raises(ValueError, match="jobs must be at least 1, got 0"):
         measure_all(bench, runs, tmp_path, jobs=0)
+
+
+def test_where_a_table_cannot_be_written_the_trainings_beside_it_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError("no space left")
+
+    monkeypatch.setattr("hadr.experiments.plan.write_tables", full)
+    bench = Bench([samples_dir() / "frames"], tmp_path / "runs", "tiny")
+    with pytest.raises(OSError, match="no space left") as caught:
+        measure_all(bench, plan(["known/raw", "known/hadr"], size="tiny"), tmp_path, jobs=2)
+    assert caught.tb  # what it holds keeps nothing running
+    ended = []
+    for process in multiprocessing.active_children():
+        process.join(10)
+        ended.append(process.exitcode)
+        process.kill()
+    assert all(code is not None for code in ended)
