@@ -32,9 +32,9 @@ from torch import Tensor
 from hadr.experiments.averages import standard_error
 from hadr.experiments.protocol import LEARNED, LONGER
 from hadr.experiments.tables import TABLES
-from hadr.models.window import WindowConfig, lay_windows, nearest, seen_through
 from hadr.rivals.classical import nearest_valid
 from hadr.training.evaluation import predict
+from hadr.training.frames.augmentation import through_view
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import evenly
 
@@ -82,16 +82,6 @@ def _given(
 ) -> FrameTensors:
     mask, depth = torch.from_numpy(np.stack(masks)), torch.from_numpy(np.stack(depths))
     return replace(frames, inputs=replace(frames.inputs, mask=mask, depth=depth))
-
-
-def in_windows(frames: FrameTensors, view: WindowConfig) -> FrameTensors:
-    """Give the frames as the network sees them, through windows that no other hole moves."""
-    crop = lay_windows(frames.inputs, view)
-    images = {
-        name: nearest(crop, getattr(frames, name))
-        for name in ("true_depth", "hand_mask", "object_mask")
-    }
-    return replace(frames, inputs=seen_through(crop, frames.inputs), **images)
 
 
 def grown(frames: FrameTensors, other: FrameTensors) -> float:
@@ -153,7 +143,7 @@ def main() -> None:
     for run, recipe, model in chain(*(trained(bench, split, methods) for split in TABLES)):
         frames = evenly(bench.frames(run, "test", recipe.size), args.frames)
         if view := getattr(model.config, "view", None):
-            frames = in_windows(frames.take(range(len(frames))), view)
+            frames = through_view(frames.take(range(len(frames))), view)
             model.config = replace(model.config, view=None)
         cores = [resized(mask, min(SHARES)) for mask in frames.inputs.mask.numpy()]
         counted = [number for number, core in enumerate(cores) if core.sum() >= LEAST_PIXELS]

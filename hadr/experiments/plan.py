@@ -28,8 +28,8 @@ from hadr.experiments.conditions import (
 )
 from hadr.experiments.protocol import (
     CHEAP,
+    COMPARED,
     EXPERIMENTS,
-    LONGER,
     METHODS,
     PARTS,
     Experiment,
@@ -94,7 +94,7 @@ def plan(
     sees = size == "imagenet"
     pairs = [
         (experiment, method)
-        for method in (dict.fromkeys((*METHODS, *LONGER)) if sees else METHODS)
+        for method in (COMPARED if sees else METHODS)
         for experiment in TABLES
         if experiment == "known" or sees or method not in KNOWN_ALONE
     ]

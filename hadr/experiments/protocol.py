@@ -66,7 +66,9 @@ LONGER: Mapping[str, tuple[str, int]] = {
 """The long runs, whose they are, and their frames in a step with preset imagenet: enough to keep a
 GPU busy. So HADR and the U-Net make twice as many steps, HADR-plus as many as its short run. Only
 that preset has the last two, and any of unknown objects."""
-ALL_METHODS = tuple(dict.fromkeys((*METHODS, *LONGER, *PARTS, *SWITCHES, *SEEING)))
+COMPARED = tuple(dict.fromkeys((*METHODS, *LONGER)))
+"""What the tables of preset imagenet compare."""
+ALL_METHODS = tuple(dict.fromkeys((*COMPARED, *PARTS, *SWITCHES, *SEEING)))
 """Whatever a run can be of, in the order of the tables."""
 
 
@@ -128,7 +130,7 @@ def recipe_of(method: str, size: str) -> Preset | None:
     ValueError for an unknown method or preset.
     """
     switches = switches_of(size)
-    if method not in (known := (*METHODS, *LONGER, *PARTS, *switches)):
+    if method not in (known := (*COMPARED, *PARTS, *switches)):
         raise ValueError(f"method must be one of {', '.join(known)}, got {method!r}")
     if method in CHEAP:
         return None

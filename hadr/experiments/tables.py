@@ -28,9 +28,8 @@ from hadr.experiments.conditions import (
 )
 from hadr.experiments.protocol import (
     ALL_METHODS,
+    COMPARED,
     EXPERIMENTS,
-    LONGER,
-    METHODS,
     PARTS,
     SEEING,
     SWITCHES,
@@ -77,9 +76,8 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
         "keypoints": (keypoints_given(bench), WITH_HAND),
         "segmentation": (masks_given(bench), IN_CONDITIONS),
     }
-    compared = dict.fromkeys((*METHODS, *LONGER))
     tables: dict[str, list[dict[str, Any]]] = {
-        **{split: [found[split, m] for m in compared if (split, m) in found] for split in TABLES},
+        **{split: [found[split, m] for m in COMPARED if (split, m) in found] for split in TABLES},
         "ablation": [
             {**found[key], "method": name, "against_full": gaps.get(method)}
             for name, method in ABLATION.items()

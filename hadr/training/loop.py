@@ -114,7 +114,7 @@ def train(
         validation = evenly(validation, recipe.validation_frames)
     task = task or Task(recipe)
     first_process, processes = fabric.is_global_zero, fabric.world_size
-    ahead = helpers(fabric.device)
+    workers = batch_workers(fabric.device)
     torch.manual_seed(seed)
     network: nn.Module = fabric.to_device(task.build())
     if start is not None:
@@ -157,9 +157,9 @@ def train(
             _Epoch(frames, recipe, seed, epoch),
             batch_size=None,
             sampler=[order[share.start : share.stop] for share in mine],
-            num_workers=ahead,
-            multiprocessing_context="fork" if ahead else None,  # they share the frames
-            worker_init_fn=_alone,
+            num_workers=workers,
+            multiprocessing_context="fork" if workers else None,  # they share the frames
+            worker_init_fn=_one_opencv_thread,
             generator=torch.Generator(),  # else it would draw from that of stochastic depth
         )
         for step, (share, batch) in enumerate(zip(mine, batches, strict=True)):
@@ -214,12 +214,12 @@ def train(
     return Trained((network if average is None else average.module).eval(), history)
 
 
-def helpers(device: torch.device) -> int:
+def batch_workers(device: torch.device) -> int:
     """Say how many processes augment the next batches: up to 4, that no GPU waits for them."""
     return 0 if device.type == "cpu" else min(4, usable_cores() - 1)
 
 
-def _alone(_: int) -> None:
+def _one_opencv_thread(_: int) -> None:
     """Keep OpenCV in a forked process to one thread: it can't use those that its parent had."""
     cv2.setNumThreads(0)
 

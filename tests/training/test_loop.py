@@ -20,8 +20,8 @@ from hadr.training.loop import (
     LAST,
     Trained,
     average_of,
+    batch_workers,
     early_look,
-    helpers,
     optimizer_of,
     train,
 )
@@ -60,9 +60,9 @@ def test_batches_that_other_processes_prepare_train_alike(
         asked.append(device.type)
         return 2
 
-    assert helpers(torch.device("cpu")) == 0  # a GPU gets some, where there are cores
-    assert helpers(torch.device("cuda")) == min(4, usable_cores() - 1)
-    monkeypatch.setattr("hadr.training.loop.helpers", two)
+    assert batch_workers(torch.device("cpu")) == 0  # a GPU gets some, where there are cores
+    assert batch_workers(torch.device("cuda")) == min(4, usable_cores() - 1)
+    monkeypatch.setattr("hadr.training.loop.batch_workers", two)
     prepared = train(micro, frames, frames, seed=3, progress=False)
     assert asked == ["cpu"]
     assert same_weights(through[0].model, prepared.model)

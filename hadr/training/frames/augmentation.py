@@ -180,8 +180,10 @@ def with_keypoint_noise(
     return replace(frame, inputs=replace(frame.inputs, keypoints=moved, keypoints_uv=uv))
 
 
-def through_view(frame: FrameTensors, view: WindowConfig, chance: torch.Generator) -> FrameTensors:
-    """Give one frame as it is seen through its window, laid by chance."""
+def through_view(
+    frame: FrameTensors, view: WindowConfig, chance: torch.Generator | None = None
+) -> FrameTensors:
+    """Give frames as they are seen through their windows, laid by chance if there is one."""
     crop = lay_windows(frame.inputs, view, chance)
     return replace(
         frame,
