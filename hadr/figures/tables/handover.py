@@ -51,13 +51,14 @@ SEEN = ("raw", "hadr", "hadr-plus", "perfect")
 """The kinds of depth that chapter 13 shows side by side, ..."""
 FILMED = ("raw", "unet-hand", "hadr", "hadr-plus", "perfect")
 """... and those of its films."""
-WORSE: dict[str, tuple[str, float]] = {
+WORSE: dict[str, tuple[str, float | None]] = {
     "extrinsics_error_deg": ("camera turned by (degrees)", 0.0),
     "hand_speed": ("speed of the hand (times normal)", 1.0),
     "picture_rate": ("pictures a second", 10.0),
     "latency": ("from a picture to its answer (s)", 0.1),
+    "turn_degrees": ("largest turn of every hand, to each side (degrees)", None),
 }
-"""What can be made worse: how it is called, and what it is in the experiment."""
+"""What can be made worse: how it is called, and what it is in the experiment, if it is a number."""
 TIME_LIMIT = 13.0
 """HandoverSim's, seconds."""
 _KIND_STYLE = (
@@ -289,9 +290,10 @@ def draw_degradation(ax: Axes, rows: Sequence[Row], key: str) -> None:
     Of the rows those in which all else is as in the experiment; `WORSE` has the keys.
     """
     xlabel, standard = WORSE[key]
-    usual: dict[str, float] = {name: value for name, (_, value) in WORSE.items() if name != key}
+    usual = {name: value for name, (_, value) in WORSE.items() if name != key}
     usual |= {"restless": False, "time_limit": TIME_LIMIT}
-    rows = [r for r in rows if all(r[name] == value for name, value in usual.items())]
+    rows = [r for r in rows if all(r.get(name) == value for name, value in usual.items())]
+    rows = [r for r in rows if r.get(key) is not None]
     conditions = list(dict.fromkeys(row["condition"] for row in _ordered(rows)))
     values = sorted({float(row[key]) for row in rows})
     gap = min(np.diff(values), default=1.0) * 0.05
@@ -305,7 +307,8 @@ def draw_degradation(ax: Axes, rows: Sequence[Row], key: str) -> None:
             x + aside, rate, yerr=[np.maximum(rate - low, 0), np.maximum(high - rate, 0)],
             color=color, marker=marker, ms=6, capsize=3, lw=1.6, label=CONDITIONS[condition],
         )  # fmt: skip
-    ax.axvline(standard, color=COLORS["raw"], lw=0.8, ls=":")
+    if standard is not None:
+        ax.axvline(standard, color=COLORS["raw"], lw=0.8, ls=":")
     ax.set(xlabel=xlabel, ylabel="successful handovers (%)", ylim=(0, 103), xticks=values)
     if len(conditions) > 1:
         ax.legend(loc="best")

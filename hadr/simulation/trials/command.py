@@ -108,8 +108,10 @@ class Options:
     """Turn the camera by so many degrees from its calibration."""
     restless: bool = False
     """Hands that drift, swing or turn never come to rest."""
+    turn: float | None = None
+    """Let every hand turn, by at most so many degrees to each side; unset: six motions."""
     picture_rate: float = 10.0
-    """Pictures a second, 50 divided by a whole number."""
+    """Pictures a second, at most 50."""
     latency: float = 0.1
     """Seconds from a picture to what is seen in it."""
     time_limit: float = 13.0
@@ -152,6 +154,7 @@ def run(options: Options) -> int:
         hand_speed=options.hand_speed,
         extrinsics_error_deg=options.extrinsics_error,
         restless=options.restless,
+        turn_degrees=options.turn,
         picture_rate=options.picture_rate,
         latency=options.latency,
         time_limit=options.time_limit,
@@ -293,9 +296,11 @@ def _what(options: Options) -> str:
     return (
         f"{_WHAT}: objects {' '.join(options.objects)}, holds "
         f"{' '.join(map(str, options.holds))}, seed {options.seed}, hand's speed "
-        f"x{options.hand_speed:g}{', restless' * options.restless}, camera turned by "
-        f"{options.extrinsics_error:g} degrees, {options.picture_rate:g} pictures a second, "
-        f"latency {options.latency:g} s, time limit {options.time_limit:g} s; "
+        f"x{options.hand_speed:g}{', restless' * options.restless}"
+        f"{'' if options.turn is None else f', all turn by {options.turn:g} degrees'}, "
+        f"camera turned by {options.extrinsics_error:g} degrees, "
+        f"{options.picture_rate:g} pictures a second, latency {options.latency:g} s, "
+        f"time limit {options.time_limit:g} s; "
         f"{_origin_of_masks(options.conditions)}; success by HandoverSim's rules"
     )
 

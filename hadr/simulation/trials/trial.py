@@ -111,8 +111,11 @@ class Trial:
         extrinsics_error_deg: The camera stands turned by this angle from what its calibration says.
         time_limit: Seconds until the attempt has failed.
         restless: What moves never comes to rest; else it dies down over two seconds.
-        picture_rate: Pictures a second: 50 divided by a whole number.
+        picture_rate: Pictures a second, at most 50: each is taken at the first step of the workflow
+            at which it is due.
         latency: Seconds from a picture to what is seen in it, in whole steps of 0.02 s.
+        turn_degrees: Every hand turns, by at most this angle to each side; unset: six kinds of
+            motion, of which one turns by at most 18 degrees.
     """
 
     object_id: str
@@ -125,12 +128,14 @@ class Trial:
     restless: bool = field(default=False, metadata=IF_CHANGED)
     picture_rate: float = field(default=10.0, metadata=IF_CHANGED)
     latency: float = field(default=0.1, metadata=IF_CHANGED)
+    turn_degrees: float | None = field(default=None, metadata=IF_CHANGED)
 
     def __post_init__(self) -> None:
         glass_object(self.object_id)  # says which there are
-        rate, latency = self.picture_rate, self.latency
-        even = 0 < rate <= 1 / CONTROL_STEP and _whole(self.picture_steps)
-        in_steps = 0 <= latency <= LARGEST_LATENCY and _whole(latency / CONTROL_STEP)
+        often = 0 < self.picture_rate <= 1 / CONTROL_STEP
+        steps = self.latency / CONTROL_STEP
+        in_steps = 0 <= self.latency <= LARGEST_LATENCY and abs(steps - round(steps)) < 1e-9
+        turns = self.turn_degrees is None or 0 < self.turn_degrees <= 90
         for name, fine, words in (
             ("hold_number", self.hold_number >= 0, "be 0 or more"),
             ("seed", self.seed >= 0, "be 0 or more"),
@@ -138,8 +143,9 @@ class Trial:
             ("hand_speed", 0 < self.hand_speed < np.inf, "be a factor above 0"),
             ("extrinsics_error_deg", 0 <= self.extrinsics_error_deg <= 90, "lie in 0..90"),
             ("time_limit", 0 < self.time_limit < np.inf, "be seconds above 0"),
-            ("picture_rate", even, "be 50 divided by a whole number"),
+            ("picture_rate", often, "be pictures a second, above 0 and at most 50"),
             ("latency", in_steps, f"lie in 0..{LARGEST_LATENCY:g}, a multiple of {CONTROL_STEP}"),
+            ("turn_degrees", turns, "be above 0 and at most 90"),
         ):
             if not fine:
                 raise ValueError(f"{name} must {words}, got {getattr(self, name)!r}")
@@ -149,10 +155,9 @@ class Trial:
         """Name of the attempt's files, such as ``0004-902``."""
         return f"{self.object_id}-{self.hold_number}"
 
-    @property
-    def picture_steps(self) -> float:
-        """Steps of the workflow from one picture to the next."""
-        return 1 / (self.picture_rate * CONTROL_STEP)
+    def pictures_by(self, step: int) -> int:
+        """How many pictures are due, after the first one, by a step of the workflow."""
+        return int(step * CONTROL_STEP * self.picture_rate + 1e-9)
 
     @property
     def record(self) -> dict[str, Any]:
@@ -162,10 +167,6 @@ class Trial:
         """
         sums = {name: file_sha256(path) for name, path in network_files(self.condition).items()}
         return {**record_of(self), "networks": sums, "code": _code()}
-
-
-def _whole(number: float) -> bool:
-    return abs(number - round(number)) < 1e-9
 
 
 @cache  # what this process has loaded does not change
@@ -264,7 +265,12 @@ def run_trial(
     started = clock.perf_counter()
     scene = held_scene(trial.object_id, trial.hold_number, trial.seed)
     motion = motion_for(
-        scene, trial.hold_number, trial.seed, speed=trial.hand_speed, restless=trial.restless
+        scene,
+        trial.hold_number,
+        trial.seed,
+        speed=trial.hand_speed,
+        restless=trial.restless,
+        turn=None if trial.turn_degrees is None else np.deg2rad(trial.turn_degrees),
     )
     world = World(scene, motion.moved, ATTEMPT_ARM, ATTEMPT_MOTION, trial.seed)
     camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
@@ -303,7 +309,7 @@ def run_trial(
     while not judge.verdict or (
         judge.verdict == "human contact" and world.time < judge.decided_at + AFTER_TOUCH
     ):
-        if step > 0 and step % round(trial.picture_steps) == 0:  # the first one is there already
+        if trial.pictures_by(step) > trial.pictures_by(step - 1):  # the first is there already
             seen = look(states[-1], handover.stage is Stage.WAIT_AND_OBSERVE)
             arriving.append((step + round(trial.latency / CONTROL_STEP), seen, sight.points_right))
         while arriving and arriving[0][0] <= step:

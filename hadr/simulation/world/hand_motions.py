@@ -60,6 +60,7 @@ class SeededMotion:
         speed: 1 is normal; 3 goes through the same motion three times as fast. When a hand comes
             to rest, and when it withdraws or steps aside, does not depend on it.
         restless: A drift, a swing or a turn goes on for good.
+        turn: Largest rotation of a turn to each side, radians.
     """
 
     kind: MotionKind
@@ -67,6 +68,7 @@ class SeededMotion:
     seed: int = 0
     speed: float = 1.0
     restless: bool = False
+    turn: float = TURN
 
     def moved(self, time: float) -> Array:
         """base_now_from_base_start (4, 4) at a time in seconds; the identity up to time 0."""
@@ -87,7 +89,7 @@ class SeededMotion:
             out[0] += SWING * wave[0, 0] * drawn.aside
             out[1] += SWING_TURN * wave[0, 0] * np.array([0.0, 0.0, 1.0])
         elif self.kind == "turn":
-            out[1] += TURN * wave[1, 0] * drawn.axis
+            out[1] += self.turn * wave[1, 0] * drawn.axis
         elif self.kind == "give-and-withdraw":
             lasts = WITHDRAW_LASTS / self.speed
             back = _eased((time - drawn.leaves) / lasts)
@@ -164,9 +166,15 @@ def motion_for(
     *,
     speed: float = 1.0,
     restless: bool = False,
+    turn: float | None = None,
 ) -> SeededMotion:
-    """The hand's motion in one attempt at a scene; `seed` is the experiment's."""
+    """The hand's motion in one attempt at a scene; `seed` is the experiment's.
+
+    With an angle every hand turns, by at most so much to each side, radians.
+    """
     object_id = scene.hold.object_id
     number = int(np.random.SeedSequence([seed, int(object_id), hold_number]).generate_state(1)[0])
-    kind = kind_for(object_id, hold_number, seed)
-    return SeededMotion(kind, scene.base_from_wrist[:3, 3].copy(), number, speed, restless)
+    wrist = scene.base_from_wrist[:3, 3].copy()
+    if turn is not None:
+        return SeededMotion("turn", wrist, number, speed, restless, turn)
+    return SeededMotion(kind_for(object_id, hold_number, seed), wrist, number, speed, restless)

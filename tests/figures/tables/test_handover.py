@@ -182,6 +182,7 @@ def test_degradation_has_a_line_a_condition_with_its_intervals(ax) -> None:
         row("perfect", 1, 0.01, 0.02, **usual | {"hand_speed": 3, "latency": 0.3}),
         row("perfect", 2, 0.01, 0.02, **usual | {"hand_speed": 3, "restless": True}),
         row("perfect", 2, 0.01, 0.02, **usual | {"hand_speed": 3, "time_limit": 26.0}),
+        row("perfect", 2, 0.01, 0.02, **usual | {"turn_degrees": 40}),
     ]
     draw_degradation(ax, rows[::-1], "hand_speed")
     first, second = (container.lines for container in ax.containers)

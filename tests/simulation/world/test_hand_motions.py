@@ -29,7 +29,7 @@ def no_tremor(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def wrist_path(motion: SeededMotion, times: np.ndarray = TIMES) -> np.ndarray:
     poses = np.array([motion.moved(float(t)) for t in times])
-    return poses[:, :3, :3] @ WRIST + poses[:, :3, 3]
+    return poses[:, :3, :3] @ motion.wrist + poses[:, :3, 3]
 
 
 def turned(motion: SeededMotion, times: np.ndarray = TIMES) -> np.ndarray:
@@ -141,3 +141,12 @@ def test_the_motion_of_an_attempt_turns_about_the_scenes_wrist() -> None:
     motion = motion_for(scene, 921)
     np.testing.assert_array_equal(motion.wrist, scene.base_from_wrist[:3, 3])
     assert not np.allclose(motion_for(scene, 926).moved(2.0), motion.moved(2.0))
+
+
+def test_hands_that_all_turn_turn_so_far(no_tremor: None) -> None:
+    scene, angle = held_scene("0004", 921), np.deg2rad(50)
+    for hold in (921, 922):  # two kinds of motion else
+        motion = motion_for(scene, hold, restless=True, turn=angle)
+        path = wrist_path(motion)
+        np.testing.assert_allclose(path, np.broadcast_to(motion.wrist, path.shape), atol=1e-12)
+        assert turned(motion).max() == pytest.approx(angle, rel=0.01)
