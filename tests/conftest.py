@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -16,6 +17,20 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     # Two workers share two cores: one thread each, set before a library reads it.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """As ``--dist loadfile``, but what all pages look like on a phone is a work unit of its own."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByDevice(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file, _, test = nodeid.partition("::")
+            return f"{file}::phone" if "phone" in test.partition("[")[2] else file
+
+    return ByDevice(config, log)
+
 
 REALDATA = Path(__file__).resolve().parents[2] / "shared" / "realdata"
 
