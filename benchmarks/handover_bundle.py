@@ -17,7 +17,8 @@
 
 Rows are summed up from the attempts' own sealed files; films, each with the picture of the moment
 that decided it, are drawn from their states. Besides the named ones they are of the two attempts
-that tell kinds of depth apart most often, with each kind, and the recordings go with them.
+that tell kinds of depth apart most often, with each kind, and with HADR-plus also without a part of
+the method; the recordings go with them.
 """
 
 import argparse
@@ -30,7 +31,7 @@ from PIL import Image
 
 from hadr.data.samples import samples_dir, write_manifest
 from hadr.figures.handover.film import decisive_state
-from hadr.figures.tables.handover import FILMED, SEEN, WORSE, partings
+from hadr.figures.tables.handover import FILMED, FILMED_PARTS, SEEN, WORSE, partings
 from hadr.records.provenance import machine_text
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.simulation.film.film import captioned, film_frames, write_film
@@ -110,7 +111,9 @@ def bundle_films(table: Path, out: Path, wishes: list[str]) -> None:
     """Draw the films and keep the recordings of the chapter, in place of those that are there."""
     attempts = dict(wish.partition("=")[::2] for wish in wishes)
     for number, name in enumerate(partings(read_result_file(table).rows, SEEN)[:2], start=1):
-        attempts |= {f"{seen}-{number}": f"{seen}/{name}" for seen in FILMED}
+        attempts |= {
+            f"{condition}-{number}": f"{condition}/{name}" for condition in (*FILMED, *FILMED_PARTS)
+        }
     kept, films = samples_dir() / "handover", {}
     shutil.rmtree(kept, ignore_errors=True)
     for name, where in attempts.items():

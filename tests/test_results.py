@@ -67,7 +67,7 @@ def test_the_readme_says_what_the_long_runs_reach() -> None:
     rows = read_result_files(RESULTS / "longer", "known", "unknown")
     found = re.search(
         r"take HADR to (\S+) cm on .*? and (\S+) on .*?, the U-Net to (\S+) and (\S+), "
-        r"HADR-plus to (\S+) and (\S+)\. The two", page_text("README.md"))  # fmt: skip
+        r"HADR-plus to (\S+) and (\S+)\. HADR's", page_text("README.md"))  # fmt: skip
     assert found
     asked = [(m, s) for m in ("hadr", "unet-hand", "hadr-plus") for s in ("known", "unknown")]
     for said, (method, split) in zip(found.groups(), asked, strict=True):
@@ -746,7 +746,7 @@ def test_running_it_says_what_the_presets_took() -> None:
         in page
     )
     made = read_sealed(RESULTS / "generation" / "mini_run.json")
-    assert f"Its {made['frames']:,} frames take\n{made['megabytes']:.0f} MB" in page
+    assert f"{made['frames']:,} of\n256x144 ({made['megabytes']:.0f} MB" in page
 
 
 def test_pages_say_what_a_ground_tells() -> None:
@@ -799,6 +799,7 @@ def test_networks_know_the_ground_on_which_they_are_right() -> None:
 def test_chapter_13_says_what_makes_it_worse() -> None:
     rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
     usual = {name: value for name, (_, value) in WORSE.items()} | {"time_limit": TIME_LIMIT}
+    rows = [{"turn_degrees": None, **row} for row in rows]
 
     def row_of(**made: float) -> Any:
         wanted = {**usual, "restless": False, **made}

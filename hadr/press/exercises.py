@@ -41,6 +41,10 @@ class Verdict:
         return f'<p style="{style}">{html.escape(str(self))}</p>'
 
 
+_FEW = 4
+"""So many numbers of a right answer are shown."""
+
+
 def _as_array(value: Any) -> npt.NDArray[Any] | None:
     try:
         array = np.asarray(value.detach().cpu() if hasattr(value, "detach") else value)
@@ -104,7 +108,9 @@ def check(
             "wrong", f"The shape is {array.shape}; {target.shape or 'one number'} is expected."
         )
     if _close(array, target, rtol, atol):
-        return Verdict("right", "Right.")
+        few = array.size <= _FEW and array.dtype.kind in "iuf"
+        numbers = (f"{v:.4g}" if abs(v) < 1e4 else f"{v:,.0f}" for v in array.ravel() if few)
+        return Verdict("right", f"Right: {', '.join(numbers)}." if few else "Right.")
     for value, hint in wrong:
         if _close(array, value, rtol, atol):
             return Verdict("wrong", hint)

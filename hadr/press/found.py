@@ -265,9 +265,11 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
         label = {"raw": "with sensor depth", "hadr-no-tracking": "without following",
                  "hadr-no-rescoring": "without rescoring"}[other]  # fmt: skip
         plus, less, both = counts("hadr-plus", other.replace("hadr-", "hadr-plus-"))
+        p = paired(of["hadr-plus"], of[other.replace("hadr-", "hadr-plus-")])[2]
+        chance = "p < 0.001" if p < 0.001 else f"p = {p:.2g}"
         remark = (
-            "Simulated robot and hand, grasps of a sampler of our own. With HADR-plus "
-            f"{plus} of {both}, {label} {less}."
+            "Simulated robot and hand, grasps of a sampler of our own. The verdict is of HADR; "
+            f"with HADR-plus {plus} of {both}, {label} {less} ({chance})."
         )
         if other == "hadr-no-tracking":
             moving = f"{follows['successes']} of {follows['attempts']}"

@@ -54,6 +54,8 @@ exit status
   0 done   1 a row that was run again gave other numbers
   2 a chapter or a training failed, or a wrong call   130 interrupted"""
 
+NEAR_FRAMES = 3000
+"""Frames of the generator's preset mini from which preset imagenet learns."""
 TINY_FRAMES = 48
 """Frames of each part in preset tiny, which shows that everything runs and no more."""
 
@@ -203,7 +205,7 @@ def open_bench(options: Options) -> Bench:
     elif not roots and not options.dry_run:
         raise ValueError(
             f"the tables of preset {options.preset} need --data DIR; make one with "
-            f"'hadr generate --preset {_frames_of(options.preset)} --out DIR'"
+            f"'{_generate(options.preset)} --out DIR'"
         )
     for root in roots:
         if not root.is_dir():
@@ -229,14 +231,15 @@ def _data_step(size: str, times: dict[str, float]) -> Step:
     """The step that makes the data of a preset, for a plan without them: nothing else is done."""
     from hadr.synthesis.generation.settings import PRESETS
 
-    name = f"hadr generate --preset {_frames_of(size)} --out DIR"
-    frames = f"{PRESETS[_frames_of(size)].frames:,} frames"
+    name = f"{_generate(size)} --out DIR"
+    frames = f"{NEAR_FRAMES if size == 'imagenet' else PRESETS[size].frames:,} frames"
     return Step("data", name, frames, times.get(name), "DIR, for --data")
 
 
-def _frames_of(size: str) -> str:
-    """The generator's preset whose frames a preset of networks learns from."""
-    return "mini" if size == "imagenet" else size
+def _generate(size: str) -> str:
+    """The command that makes the frames that a preset of networks learns from."""
+    near = f"--preset mini --no-sensor --frames {NEAR_FRAMES}"
+    return f"hadr generate {near if size == 'imagenet' else f'--preset {size}'}"
 
 
 def _run_again(options: Options, file: str, method: str) -> int:

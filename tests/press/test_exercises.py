@@ -8,8 +8,14 @@ from hadr.press.exercises import Verdict, check
 def test_right_number():
     verdict = check(0.1 + 0.2, 0.3)
     assert verdict
-    assert verdict == Verdict("right", "Right.")
-    assert str(verdict) == "✓ Right."
+    assert verdict == Verdict("right", "Right: 0.3.")
+    assert str(verdict) == "✓ Right: 0.3."
+
+
+def test_a_right_answer_is_shown_where_it_is_short():
+    assert check([24700, -1.38629], [24700, -1.3863], rtol=1e-4).message == "Right: 24,700, -1.386."
+    assert check(np.arange(5), np.arange(5)).message == "Right."
+    assert check("edges", "edges").message == "Right."
 
 
 def test_not_answered_yet():

@@ -24,7 +24,8 @@ PAPER = json.loads(PUBLISHED.read_text(encoding="utf-8"))
 
 def blocks(text: str, title: str) -> dict[str, dict[str, Any]]:
     """A section's methods: the numbers of each line, and what its details say."""
-    section = next(s for s in text.split("## ")[1:] if s.startswith(f"{title}\n"))
+    of = "" if title == TITLES["handover"] else ", preset mini"
+    section = next(s for s in text.split("## ")[1:] if s.startswith(f"{title}{of}\n"))
     found: dict[str, dict[str, Any]] = {}
     for table in re.findall(r"<table.*?</table>", section, re.DOTALL):
         for body in ElementTree.fromstring(table).iter("tbody"):

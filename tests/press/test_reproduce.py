@@ -90,7 +90,10 @@ def test_a_row_that_gives_other_numbers_is_told(
         (["--only", "known/hadr/seed-7"], "seeds are chosen with --seeds"),
         (["--preset", "mini", "--only", "known"], "hadr generate --preset mini --out DIR"),
         (["--data", "nowhere"], "there is no data folder nowhere"),
-        (["--preset", "imagenet"], "hadr generate --preset mini --out DIR"),
+        (
+            ["--preset", "imagenet"],
+            "hadr generate --preset mini --no-sensor --frames 3000 --out DIR",
+        ),
         (["--preset", "imagenet", "--only", "07"], "has tables alone, got --only 07"),
     ],
 )

@@ -73,8 +73,13 @@ def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
     lines = []
     for key, title, factor, unit in SENSOR_ROWS:
         found = (factor * _values(columns[name]["each"], key) for name in groups)
-        cells = (f"{np.median(v):.1f} ({v.min():.1f} to {v.max():.1f})" if v.size else "-"
-                 for v in found)  # fmt: skip
+        cells = (
+            f"{np.median(v):.1f} ({v.min():.1f} to {v.max():.1f}"
+            + (")" if v.size == columns[name]["frames"] else f"; {v.size} frames)")
+            if v.size
+            else "-"
+            for name, v in zip(groups, found, strict=True)
+        )
         lines.append([f"{title}, {unit}", *cells])
     return markdown(pd.DataFrame(lines, columns=["", *heads]))
 

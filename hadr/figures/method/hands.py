@@ -15,9 +15,12 @@ import torch
 from matplotlib.axes import Axes
 from scipy.spatial.transform import Rotation
 
+from hadr.camera import project
+from hadr.data.frame import Frame
 from hadr.figures.method.voxels import cube_edges
-from hadr.figures.panels import BONE_COLORS, COLORS, live_figure
+from hadr.figures.panels import BONE_COLORS, COLORS, bare_axes, live_figure
 from hadr.hand import BONES, FINGERS, absolute_hand_feature, check_keypoints
+from hadr.models.hand.weighted_regression import SHARPNESS, JointMaps
 
 Array = npt.NDArray[np.float64]
 
@@ -103,22 +106,61 @@ def draw_depth_hint(
     hand_m: npt.ArrayLike,
     background_m: npt.ArrayLike,
 ) -> None:
-    """Hold the depth (N,) of each frame's glass against those of hand and background, metres."""
+    """Hold the depth (N,) of each frame's glass against those of hand and background, metres.
+
+    Backgrounds that are farther than the picture goes are drawn at its right border.
+    """
     glass, hand, rest = (np.asarray(a, dtype=float) for a in (glass_m, hand_m, background_m))
     scatter, histogram = axes
     low, high = np.nanmin(glass) - 0.05, np.nanmax(hand) + 0.1
     scatter.plot([low, high], [low, high], color="black", lw=1, label="equal")
-    scatter.scatter(hand, glass, color=COLORS["hand"], s=22, label="hand")
-    label = "background beside the glass"
-    scatter.scatter(rest, glass, color=COLORS["background"], s=22, label=label)
+    label, border = "background beside the glass", high + 0.05
+    drawn = np.minimum(rest, border)
+    scatter.scatter(drawn, glass, color=COLORS["background"], s=12, alpha=0.5, label=label)
+    scatter.scatter(hand, glass, color=COLORS["hand"], s=12, alpha=0.7, label="hand")
     scatter.set_xlabel("median depth of the surroundings (m)")
     scatter.set_ylabel("median depth of the glass (m)")
-    scatter.set_ylim(top=high + 0.25)
-    scatter.legend(loc="upper right")
+    scatter.set(xlim=(low, border + 0.02), ylim=(low, high + 0.15))
+    scatter.legend(loc="upper left")
     gap = (glass - hand) * 100
     histogram.hist(gap[np.isfinite(gap)], bins=15, color=COLORS["hand"])
     histogram.axvline(0, color="black", lw=1)
     histogram.set(xlabel="glass minus hand (cm)", ylabel="frames")
+
+
+def draw_votes(
+    axes: Sequence[Axes], frame: Frame, surface: torch.Tensor, maps: JointMaps, joint: int, k: float
+) -> None:
+    """Draw a joint's heat on the hand, and what its pixels propose, see `joints_of_maps`.
+
+    The surface (1, 3, H, W) and the reach k are in metres, the maps of a whole frame.
+    """
+    left, right = axes
+    rows, columns = np.nonzero(frame.hand_mask)
+    heat = maps.heat[0, joint].numpy()[rows, columns]
+    points = surface[0].numpy()[:, rows, columns].T  # (n, 3)
+    offset = maps.offset[0, joint].numpy()[:, rows, columns].T
+    votes = project(points + k * (1 - heat[:, None]) * offset, frame.camera)
+    weight = np.exp(SHARPNESS * (heat - heat.max()))
+    weight /= weight.sum()
+    u, v = frame.keypoints_uv[joint]
+    shown = np.full(frame.hand_mask.shape, np.nan)
+    shown[rows, columns] = heat
+    for ax in axes:
+        ax.imshow(frame.color, alpha=0.45)
+        ax.plot(u, v, "o", ms=11, mfc="none", mec="black", mew=1.6, label="true")
+        bare_axes(ax)
+    image = left.imshow(shown, cmap="magma", vmin=0)
+    (u0, v0), (u1, v1) = (getattr(frame.keypoints_uv, end)(axis=0) for end in ("min", "max"))
+    left.set(xlim=(u0 - 25, u1 + 25), ylim=(v1 + 25, v0 - 25))
+    left.figure.colorbar(image, ax=left, label="heat", shrink=0.8)
+    near = np.flatnonzero(heat > 0.4)
+    sizes = 6 + 120 * weight[near] / weight.max()
+    us, vs = votes[near].T
+    right.scatter(us, vs, s=sizes, color=COLORS["hand"], alpha=0.4, lw=0, label="votes")
+    right.plot(*(weight @ votes), "x", ms=9, mew=2, color=COLORS["truth"], label="mean")
+    right.set(xlim=(u - 45, u + 45), ylim=(v + 35, v - 35))
+    right.legend(loc="upper right", fontsize=9)
 
 
 def draw_wrist_frame(

@@ -49,8 +49,13 @@ _STYLES = {
 """A condition's colour and marker in all pictures of the experiment: its depth's."""
 SEEN = ("raw", "hadr", "hadr-plus", "perfect")
 """The kinds of depth that chapter 13 shows side by side, ..."""
-FILMED = ("raw", "unet-hand", "hadr", "hadr-plus", "perfect")
-"""... and those of its films."""
+FILMED = tuple(_SOURCES)
+"""... and those of its films, ..."""
+FILMED_PARTS = (
+    *("hadr-plus-no-tracking", "hadr-plus-no-rescoring"),
+    *("hadr-plus-networks", "perfect-networks"),
+)
+"""... the same attempts without a part of the method, and with networks' masks and keypoints."""
 WORSE: dict[str, tuple[str, float | None]] = {
     "extrinsics_error_deg": ("camera turned by (degrees)", 0.0),
     "hand_speed": ("speed of the hand (times normal)", 1.0),

@@ -135,15 +135,11 @@ def capture_depth(scene: Scene, seed: int, camera: StereoCamera = _D435) -> Floa
 
     The same seed (of the imagers' noise) gives the same depth.
     """
-    return depth_of_pair(infrared_pair(scene, seed, camera), scene.camera, camera)
-
-
-def depth_of_pair(pair: InfraredPair, color: Intrinsics, camera: StereoCamera) -> Float:
-    """Match an infrared pair and align its depth to the colour camera, metres, (H, W) float32."""
+    pair = infrared_pair(scene, seed, camera)
     disparity = match(pair.left, pair.right, camera.matching)
     disparity[:, : pair.margin] = 0
     seen = disparity > 0
     z = camera.focal * camera.baseline / np.where(seen, disparity, 1.0)
     z = np.rint(z / camera.step) * camera.step
     depth = np.where(seen & (z <= camera.farthest), z, 0.0).astype(np.float32)
-    return align_to_color(depth, pair.imager, color, camera.left_imager)
+    return align_to_color(depth, pair.imager, scene.camera, camera.left_imager)

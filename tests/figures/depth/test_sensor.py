@@ -46,7 +46,7 @@ def test_the_table_tells_median_and_range():
     assert "3 frames" in lines[0]
     assert "60.0 (40.0 to 80.0)" in lines[2]
     assert "60.0 (50.0 to 90.0)" in lines[2]
-    assert "102.0 (4.0 to 200.0)" in lines[3]
+    assert "102.0 (4.0 to 200.0; 2 frames)" in lines[3]
     assert len({line.count("|") for line in lines}) == 1, "each row has every column"
 
 

@@ -1,10 +1,14 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import torch
 from matplotlib.colors import to_hex
 
+from hadr.camera import back_project
+from hadr.data.samples import open_samples
 from hadr.figures.method.hands import (
     draw_depth_hint,
+    draw_votes,
     draw_voxel_arrows,
     draw_wrist_frame,
     on_screen,
@@ -15,6 +19,7 @@ from hadr.figures.method.hands import (
 )
 from hadr.figures.panels import COLORS, FINGER_COLORS
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
+from hadr.models.hand.weighted_regression import maps_of_joints
 
 FLAT = keypoints_from_skeleton(forward_kinematics(np.zeros(20)).joints)
 FRONT = orbit_view(0, 0)
@@ -78,10 +83,12 @@ def axes():
 
 
 def test_hint_holds_the_glass_against_hand_and_background(axes):
-    draw_depth_hint(axes, [0.5, 0.6, 0.7], [0.48, np.nan, 0.75], [1.5, 2.0, np.nan])
-    hand, background = axes[0].collections
+    draw_depth_hint(axes, [0.5, 0.6, 0.7], [0.48, np.nan, 0.75], [0.8, 2.0, np.nan])
+    background, hand = axes[0].collections
     np.testing.assert_allclose(hand.get_offsets()[[0, 2]], [[0.48, 0.5], [0.75, 0.7]])
-    np.testing.assert_allclose(background.get_offsets()[:2], [[1.5, 0.5], [2.0, 0.6]])
+    border = axes[0].get_xlim()[1] - 0.02  # what is farther than the picture stands there
+    np.testing.assert_allclose(background.get_offsets()[:2], [[0.8, 0.5], [border, 0.6]])
+    assert 0.8 < border < 1
     assert to_hex(hand.get_facecolor()[0]).upper() == COLORS["hand"]
     bars = [bar for bar in axes[1].patches if bar.get_height()]
     assert sum(bar.get_height() for bar in bars) == 2  # the frame without a hand is left out
@@ -117,3 +124,19 @@ def test_arrows_run_from_the_voxels_centre_to_the_keypoints(axes):
     ends = np.concatenate([e.get_xydata() for e in axes[1].lines if e.get_color() == "#123456"])
     np.testing.assert_allclose(ends.min(axis=0), [-2.5, -32.5])
     np.testing.assert_allclose(ends.max(axis=0), [22.5, -7.5])
+
+
+def test_exact_votes_meet_at_the_joint(axes):
+    frame = open_samples("test")[0]
+    points = np.nan_to_num(back_project(frame.depth, frame.camera)).transpose(2, 0, 1)
+    surface = torch.from_numpy(points)[None].float()
+    joints = torch.from_numpy(frame.keypoints)[None].float()
+    maps = maps_of_joints(joints, surface, torch.from_numpy(frame.hand_mask)[None], 0.15)
+    draw_votes(axes, frame, surface, maps, 8, 0.15)
+    circle, mean = axes[1].lines
+    np.testing.assert_allclose(circle.get_xydata()[0], frame.keypoints_uv[8])
+    np.testing.assert_allclose(mean.get_xydata()[0], frame.keypoints_uv[8], atol=0.02)
+    (votes,) = axes[1].collections
+    off = votes.get_offsets() - frame.keypoints_uv[8]
+    assert len(off) > 20
+    assert np.abs(off).max() < 0.05
