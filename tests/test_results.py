@@ -820,7 +820,7 @@ def test_chapter_13_says_what_makes_it_worse() -> None:
     assert (touched(turned[6]), round(turned[6]["largest_force_n"], 1)) == (3, 9.6)
     fast = [row_of(hand_speed=speed) for speed in (2, 3)]
     late = [row_of(latency=late) for late in (0.2, 0.3)]
-    rates = [row_of(picture_rate=rate) for rate in (5, 25)]
+    rates = [row_of(picture_rate=rate) for rate in (5, 25, 30)]
     for row in (*fast, *late, *rates):  # "24 attempts cannot tell it from nothing"
         assert paired(plain, row)[2] > 0.05
     assert [touched(row) for row in (*fast, *late)] == [1, 1, 1, 0]
@@ -848,6 +848,23 @@ def test_chapter_13_says_what_a_restless_hand_costs() -> None:
     assert last > sum(restless["perfect"]["failures"].values()) / 2  # "most of the failures"
     touches = [n for n in restless["perfect"]["largest_forces_n"] if n.startswith("touch")]
     assert touches == ["touch, Stopped"]
+
+
+def test_chapter_13_says_what_a_hand_that_turns_costs() -> None:
+    rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
+    of = {(row["condition"], row.get("turn_degrees")): row for row in rows}
+    perfect = [of["perfect", angle]["successes"] for angle in (20, 40, 60)]
+    assert (perfect[0], perfect[2]) == (41, 22)
+    pairs = [(of["hadr-plus", a], of["hadr-plus-no-tracking", a]) for a in (20, 40, 60)]
+    assert [sum(row["successes"] for row in some) for some in zip(*pairs, strict=True)] == [71, 62]
+    alone = [paired(*pair)[:2] for pair in pairs]
+    ahead, behind = (sum(counts) for counts in zip(*alone, strict=True))
+    assert (ahead, behind) == (25, 16)
+    assert round(binomtest(ahead, ahead + behind).pvalue, 2) == 0.21
+    follows, stays = (row["incidents"] for row in pairs[2])
+    assert stays["the hand was in the way"][1] == 23
+    assert stays["nothing was between the fingers"][1] == 17
+    assert follows["the arm's reach ended"][1] == 18
 
 
 def test_the_first_pages_film_is_what_its_words_say() -> None:

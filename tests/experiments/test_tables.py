@@ -208,6 +208,15 @@ def test_a_row_runs_again_from_its_record(
     assert recorded == now
 
 
+def test_a_row_of_other_frames_runs_again_and_says_so(made: tuple[Bench, Path]) -> None:
+    bench, folder = made
+    other = Bench(bench.roots, bench.out, "tiny", limit=bench.limit)
+    other.data = {**bench.data, "sha256": "0"}
+    said: list[str] = []
+    assert measure_again(other, folder / "known.json", "hand-median", said.append)
+    assert "frames of --data are others" in said[0]
+
+
 def test_logs_are_read_once_for_each_experiment(
     made: tuple[Bench, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
