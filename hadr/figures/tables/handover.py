@@ -308,9 +308,11 @@ def draw_degradation(ax: Axes, rows: Sequence[Row], key: str) -> None:
         # beside each other, so that intervals don't cover each other
         aside = gap * (number - (len(conditions) - 1) / 2)
         color, marker = _STYLES[condition]
+        style, face = ("-", color) if condition in _SOURCES else ("--", "white")
         ax.errorbar(
             x + aside, rate, yerr=[np.maximum(rate - low, 0), np.maximum(high - rate, 0)],
-            color=color, marker=marker, ms=6, capsize=3, lw=1.6, label=CONDITIONS[condition],
+            color=color, marker=marker, mfc=face, ls=style, ms=7, capsize=3, lw=1.6,
+            label=CONDITIONS[condition],
         )  # fmt: skip
     if standard is not None:
         ax.axvline(standard, color=COLORS["raw"], lw=0.8, ls=":")
