@@ -91,8 +91,12 @@ class Recovery:
         return self.part == "clear" and now - self._clear_from >= STAND_TIME - 1e-9
 
     def _pulled(self, free: float) -> bool:
-        """Whether somebody pulls at the object who can hold it: of free space in metres."""
-        taken = self.arm.closed_to is None or free <= safety.AT_THE_GLASS
+        """Whether somebody pulls at the object who can hold it: of free space in metres.
+
+        A hand that is seen holds it from near by; one that is not, until the gripper alone does.
+        """
+        unseen = self.arm.closed_to is None and self.arm.watch.keypoints is None
+        taken = unseen or free <= safety.AT_THE_GLASS
         return taken and safety.hand_pull(self.arm.reading.wrench[:3]) > safety.HAND_PULL
 
     def stay(self, now: float) -> None:

@@ -386,6 +386,31 @@ def test_what_pulls_where_no_hand_is_gets_nothing() -> None:
     assert handover.stage is Stage.FINISHED
 
 
+@pytest.mark.parametrize("part", ["let go", "retreat"])
+@pytest.mark.parametrize("force", [(0.0, 4.0, -3.6), (0.0, 0.0, -8.0)])
+def test_with_the_hand_gone_neither_a_pull_nor_a_heavy_glass_opens(
+    part: str, force: tuple[float, float, float]
+) -> None:
+    """It is seen to go as soon as it has let go, before the gripper has drawn back at all."""
+    handover = fixed_handover()
+    arm = handover.robot
+    assert isinstance(arm, SimulatedUR5)
+    begun: list[float] = []
+
+    def goes(seen: Observation) -> Observation:
+        if handover.part == part and not begun:
+            begun.append(seen.time)
+        if not begun:
+            return seen
+        arm.wrench[:3] = force
+        way = min(0.7 * (seen.time - begun[0]), 0.4)
+        return replace(seen, keypoints=seen.keypoints + [0.0, 0.0, way])
+
+    moments = run(handover, spoil=goes)
+    held = [m for m in moments if m.time > begun[0]]
+    assert max(m.gripper_width for m in held) < 0.06
+
+
 @pytest.mark.parametrize("force", [np.nan, 0.0])
 def test_fingers_that_feel_nothing_are_around_what_keeps_them_apart(
     force: float, monkeypatch: pytest.MonkeyPatch
