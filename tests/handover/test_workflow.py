@@ -404,7 +404,7 @@ def test_with_the_hand_gone_neither_a_pull_nor_a_heavy_glass_opens(
             return seen
         arm.wrench[:3] = force
         way = min(0.7 * (seen.time - begun[0]), 0.4)
-        return replace(seen, keypoints=seen.keypoints + [0.0, 0.0, way])
+        return replace(seen, keypoints=seen.keypoints + np.array([0.0, 0.0, way]))
 
     moments = run(handover, spoil=goes)
     held = [m for m in moments if m.time > begun[0]]
