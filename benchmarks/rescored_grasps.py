@@ -21,6 +21,7 @@ from hadr.handover.grasping.candidates import NoCandidateError
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.selection import (
     CLEARANCES,
+    HALF_TURN,
     GraspSelection,
     _alike,
     _Surroundings,
@@ -80,9 +81,8 @@ def scene_row(object_id: str, hold: int, source: DepthSource) -> dict[str, Any]:
     row["left"] = dict(zip(("all", "off the hand", "free", "within reach"), counted, strict=True))
     if chosen[0] is None or chosen[1] is None:
         return row
-    turned = chosen[1] @ np.diag([-1.0, -1.0, 1.0, 1.0])  # a parallel gripper grasps the same
     apart = np.linalg.norm(chosen[0][:3, 3] - chosen[1][:3, 3])
-    alike = any(_alike(chosen[0], other) for other in (chosen[1], turned))
+    alike = any(_alike(chosen[0], other) for other in (chosen[1], chosen[1] @ HALF_TURN))
     return {**row, "chosen_apart_m": float(apart), "chosen_alike": bool(alike)}
 
 

@@ -746,7 +746,7 @@ def test_running_it_says_what_the_presets_took() -> None:
         in page
     )
     made = read_sealed(RESULTS / "generation" / "mini_run.json")
-    assert f"{made['frames']:,} of\n256x144 ({made['megabytes']:.0f} MB" in page
+    assert f"{made['frames']:,} of 256x144 ({made['megabytes']:.0f} MB" in " ".join(page.split())
 
 
 def test_pages_say_what_a_ground_tells() -> None:

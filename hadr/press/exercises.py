@@ -8,6 +8,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+SHOWN = 4
+"""So many numbers of a right answer are shown, where it has no more."""
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -39,10 +42,6 @@ class Verdict:
         }[self.status]
         style = f"color:{color};background:{paper};padding:0.2em 0.6em;font-weight:600"
         return f'<p style="{style}">{html.escape(str(self))}</p>'
-
-
-_FEW = 4
-"""So many numbers of a right answer are shown."""
 
 
 def _as_array(value: Any) -> npt.NDArray[Any] | None:
@@ -108,9 +107,11 @@ def check(
             "wrong", f"The shape is {array.shape}; {target.shape or 'one number'} is expected."
         )
     if _close(array, target, rtol, atol):
-        few = array.size <= _FEW and array.dtype.kind in "iuf"
-        numbers = (f"{v:.4g}" if abs(v) < 1e4 else f"{v:,.0f}" for v in array.ravel() if few)
-        return Verdict("right", f"Right: {', '.join(numbers)}." if few else "Right.")
+        few = array.size <= SHOWN and array.dtype.kind in "iuf"
+        numbers = ", ".join(
+            f"{v:.4g}" if abs(v) < 1e4 else f"{v:,.0f}" for v in array.ravel() if few
+        )
+        return Verdict("right", f"Right: {numbers}." if numbers else "Right.")
     for value, hint in wrong:
         if _close(array, value, rtol, atol):
             return Verdict("wrong", hint)

@@ -264,8 +264,9 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
         doubt = math.sqrt(((ahead + behind) / count - gap**2) / count)
         label = {"raw": "with sensor depth", "hadr-no-tracking": "without following",
                  "hadr-no-rescoring": "without rescoring"}[other]  # fmt: skip
-        plus, less, both = counts("hadr-plus", other.replace("hadr-", "hadr-plus-"))
-        p = paired(of["hadr-plus"], of[other.replace("hadr-", "hadr-plus-")])[2]
+        plus_other = other.replace("hadr-", "hadr-plus-")
+        plus, less, both = counts("hadr-plus", plus_other)
+        p = paired(of["hadr-plus"], of[plus_other])[2]
         chance = "p < 0.001" if p < 0.001 else f"p = {p:.2g}"
         remark = (
             "Simulated robot and hand, grasps of a sampler of our own. The verdict is of HADR; "

@@ -238,8 +238,8 @@ def _data_step(size: str, times: dict[str, float]) -> Step:
 
 def _generate(size: str) -> str:
     """The command that makes the frames that a preset of networks learns from."""
-    near = f"--preset mini --no-sensor --frames {NEAR_FRAMES}"
-    return f"hadr generate {near if size == 'imagenet' else f'--preset {size}'}"
+    wish = f"mini --no-sensor --frames {NEAR_FRAMES}" if size == "imagenet" else size
+    return f"hadr generate --preset {wish}"
 
 
 def _run_again(options: Options, file: str, method: str) -> int:

@@ -300,8 +300,13 @@ def test_an_object_that_is_not_in_the_hand_is_left_alone() -> None:
 Disturb = Callable[[Handover, SimulatedUR5, float], None]
 
 
-def disturbed(part: str, disturb: Disturb) -> tuple[Handover, list[Moment], float]:
-    """A run that is disturbed from a part's begin on (seconds since then); and that begin."""
+def disturbed(
+    part: str, disturb: Disturb, hand_goes: float = 0.0
+) -> tuple[Handover, list[Moment], float]:
+    """A run that is disturbed from a part's begin on (seconds since then); and that begin.
+
+    From then on the hand is seen to go away from the camera, m/s, by at most 40 cm.
+    """
     handover = fixed_handover()
     arm = handover.robot
     assert isinstance(arm, SimulatedUR5)
@@ -310,9 +315,14 @@ def disturbed(part: str, disturb: Disturb) -> tuple[Handover, list[Moment], floa
     def look(seen: Observation) -> Observation:
         if handover.part == part and not begun:
             begun.append(seen.time)
-        if begun:
-            disturb(handover, arm, seen.time - begun[0])
-        return seen
+        if not begun:
+            return seen
+        since = seen.time - begun[0]
+        disturb(handover, arm, since)
+        if not hand_goes or seen.keypoints is None:
+            return seen
+        gone = np.array([0.0, 0.0, min(hand_goes * since, 0.4)])
+        return replace(seen, keypoints=seen.keypoints + gone)
 
     moments = run(handover, spoil=look)
     return handover, moments, begun[0]
@@ -392,23 +402,12 @@ def test_with_the_hand_gone_neither_a_pull_nor_a_heavy_glass_opens(
     part: str, force: tuple[float, float, float]
 ) -> None:
     """It is seen to go as soon as it has let go, before the gripper has drawn back at all."""
-    handover = fixed_handover()
-    arm = handover.robot
-    assert isinstance(arm, SimulatedUR5)
-    begun: list[float] = []
 
-    def goes(seen: Observation) -> Observation:
-        if handover.part == part and not begun:
-            begun.append(seen.time)
-        if not begun:
-            return seen
+    def weigh(handover: Handover, arm: SimulatedUR5, since: float) -> None:
         arm.wrench[:3] = force
-        way = min(0.7 * (seen.time - begun[0]), 0.4)
-        return replace(seen, keypoints=seen.keypoints + np.array([0.0, 0.0, way]))
 
-    moments = run(handover, spoil=goes)
-    held = [m for m in moments if m.time > begun[0]]
-    assert max(m.gripper_width for m in held) < 0.06
+    _, moments, begun = disturbed(part, weigh, hand_goes=0.7)
+    assert max(m.gripper_width for m in moments if m.time > begun) < 0.06
 
 
 @pytest.mark.parametrize("force", [np.nan, 0.0])

@@ -297,8 +297,11 @@ def draw_degradation(ax: Axes, rows: Sequence[Row], key: str) -> None:
     xlabel, standard = WORSE[key]
     usual = {name: value for name, (_, value) in WORSE.items() if name != key}
     usual |= {"restless": False, "time_limit": TIME_LIMIT}
-    rows = [r for r in rows if all(r.get(name) == value for name, value in usual.items())]
-    rows = [r for r in rows if r.get(key) is not None]
+    rows = [
+        row
+        for row in rows
+        if row.get(key) is not None and all(row.get(name) == usual[name] for name in usual)
+    ]
     conditions = list(dict.fromkeys(row["condition"] for row in _ordered(rows)))
     values = sorted({float(row[key]) for row in rows})
     gap = min(np.diff(values), default=1.0) * 0.05
