@@ -1,16 +1,12 @@
 """Put the small checkpoints into data_samples/checkpoints, calibrated, with their records.
 
-    hadr reproduce --preset mini --data DIR data_samples/frames \\
-        --only known/hadr-long known/hadr-plus --out OUT
-    hadr train --network hand-keypoints --preset mini --data DIR data_samples/frames \\
-        --out OUT/nets/hand-keypoints
-    python benchmarks/bundle_checkpoints.py --made OUT --data DIR data_samples/frames \\
-        --only hadr-mini hadr-plus-mini hand-keypoints-mini
-
     hadr reproduce --preset imagenet --data NEAR --out OUT \\
         --only known/hadr-long known/hadr-plus-long known/unet-hand
+    hadr train --network hand-keypoints --preset imagenet --data NEAR \\
+        --start-from data_samples/checkpoints/hand-keypoints-handover.safetensors \\
+        --out OUT/nets/hand-keypoints
     python benchmarks/bundle_checkpoints.py --made OUT --data NEAR \\
-        --only hadr-imagenet hadr-plus-imagenet
+        --only hadr-imagenet hadr-plus-imagenet hand-keypoints-imagenet
 
     python benchmarks/handover_frames.py --out CAMERA
     for network in unet-hand hadr hadr-plus hand-keypoints segmentation; do
@@ -20,10 +16,11 @@
     python benchmarks/bundle_checkpoints.py --made OUT --data CAMERA --only unet-hand-handover \\
         hadr-handover hadr-plus-handover hand-keypoints-handover segmentation-imagenet
 
-DIR is what `hadr generate --preset mini` has made, NEAR the same by the generator's second edition,
-3,000 frames. The last epoch's weights are taken, which was fixed beforehand, and stored as 16-bit
-floats. Depth networks are calibrated on validation frames; what that measured goes to
-results/confidence.
+NEAR is what `hadr generate --preset mini --no-sensor --frames 3000` makes. The last epoch's weights
+are taken, which was fixed beforehand, and stored as 8-bit integers; those of the handover as 16-bit
+floats, as the handover's tables were made with. Depth networks are calibrated on validation frames;
+what that measured goes to results/confidence. What NEAR's frames are like is then replaced by what
+the samples are like, which have a sensor's depth, too.
 """
 
 import argparse
@@ -37,14 +34,12 @@ from hadr.experiments.protocol import Experiment, open_part
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.press.reproduce import checkout_root
 from hadr.synthesis.glass.objects import OBJECTS
-from hadr.training.checkpoints import load_checkpoint, strip_checkpoint, update_record
+from hadr.training.checkpoints import Stored, load_checkpoint, strip_checkpoint, update_record
 
 SOURCES: dict[str, tuple[str, Experiment | None]] = {
-    "hadr-mini": ("runs/known/hadr-long/seed-0", "known"),
-    "hadr-plus-mini": ("runs/known/hadr-plus/seed-0", "known"),
-    "hand-keypoints-mini": ("nets/hand-keypoints", None),
     "hadr-imagenet": ("runs/known/hadr-long/seed-0", "known"),
     "hadr-plus-imagenet": ("runs/known/hadr-plus-long/seed-0", "known"),
+    "hand-keypoints-imagenet": ("nets/hand-keypoints", None),
     "unet-hand-handover": ("handover/unet-hand", None),
     "hadr-handover": ("handover/hadr", None),
     "hadr-plus-handover": ("handover/hadr-plus", None),
@@ -69,9 +64,10 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
     """Write one checkpoint: weights, record, calibration."""
     source, experiment = SOURCES[name]
     small = folder / f"{name}.safetensors"
-    strip_checkpoint(made / source / "last.safetensors", small)
-    model, record = load_checkpoint(small)
     camera = source.startswith("handover/")
+    stored: Stored = "float16" if camera else "int8"
+    strip_checkpoint(made / source / "last.safetensors", small, stored)
+    model, record = load_checkpoint(small)
     depth, keypoints = DEPTHS[camera]
     where = "before the robot" if camera else "of TransHand-mini"
     if name.endswith("-imagenet"):
@@ -110,15 +106,17 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
                 "seconds": sum(row["seconds"] for row in history),
             },
             "validation": validation,
-            "weights": {"number": sum(p.numel() for p in model.parameters()), "stored": "float16"},
+            "weights": {"number": sum(p.numel() for p in model.parameters()), "stored": stored},
         },
     )
     if record["network"] in DEPTH_NETWORKS:
         result = checkout_root() / "results" / "confidence" / f"{name}.json"
         only = ["--corruption", "erased"] if camera else []
         command = ["calibrate", str(small), *map(str, data), "--out", str(result), *only]
-        if hadr(command) != 0:
-            raise SystemExit(f"hadr {' '.join(command)} failed")
+        ground = ["calibrate", str(small), str(samples_dir() / "frames"), "--only-ground"]
+        for words in (command, ground)[: 1 if camera else 2]:
+            if hadr(words) != 0:
+                raise SystemExit(f"hadr {' '.join(words)} failed")
     print(f"{name}: {small.stat().st_size / 1e6:.1f} MB", flush=True)
 
 

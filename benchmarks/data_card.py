@@ -50,7 +50,7 @@ def by_split(axis: plt.Axes, values: np.ndarray, split: np.ndarray, bins: np.nda
 def plot_views(found: FrameStatistics, folder: Path) -> None:
     split = np.asarray(found.split)
     figure, axes = plt.subplots(1, 3, figsize=(9, 2.7))
-    by_split(axes[0], found.distance_m, split, np.linspace(0.2, 1.1, 31))
+    by_split(axes[0], found.distance_m, split, np.linspace(0.2, 0.7, 26))
     axes[0].set_xlabel("camera to hand, m")
     by_split(axes[1], 100 * found.glass_share, split, np.linspace(0, 20, 41))
     axes[1].set_xlabel("pixels of glass, % of the picture")
@@ -113,7 +113,7 @@ def plot_holds(logs: list[dict], split: np.ndarray, folder: Path) -> None:
 
 
 def plot_depth(frames: TransHand, folder: Path) -> None:
-    bins = np.linspace(0.3, 5.5, 105)
+    bins = np.linspace(0.15, 3.0, 115)
     counts = {name: np.zeros(len(bins) - 1) for name in ("glass", "hand", "rest")}
     for frame in frames:
         rest = ~(frame.object_mask | frame.hand_mask)
@@ -139,7 +139,7 @@ def plot_raw(found: FrameStatistics, folder: Path) -> None:
     axes[0].legend()
     by_split(axes[1], 1000 * found.bias_m, split, np.linspace(-60, 300, 37))
     axes[1].set_xlabel("raw minus true depth on the glass, mm")
-    by_split(axes[2], 1000 * found.hand_error_m, split, np.linspace(0, 12, 25))
+    by_split(axes[2], 1000 * found.hand_error_m, split, np.linspace(0, 3, 25))
     axes[2].set_xlabel("error on the hand, mm")
     save(figure, folder, "raw_depth")
 
@@ -216,7 +216,7 @@ def statistics_table(found: FrameStatistics) -> str:
 
 def outside_table(frames: TransHand) -> str:
     """Raw depth's error on what is not glass, by true distance."""
-    edges = (0.45, 0.6, 0.75, 1.0)
+    edges = (0.3, 0.45, 0.6, 0.75, 1.0)
     found: list[list[np.ndarray]] = [[] for _ in edges[1:]]
     for frame in frames:
         for k, errors in enumerate(found):

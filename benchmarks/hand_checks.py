@@ -79,7 +79,7 @@ def ways(landmarker: MediaPipeHand | None) -> dict[str, Way]:
     networks = Restorer(
         "nearest",
         segmentation=nets / "segmentation-imagenet.safetensors",
-        keypoint_network=nets / "hand-keypoints-mini.safetensors",
+        keypoint_network=nets / "hand-keypoints-imagenet.safetensors",
     )
     plain = Restorer("nearest")
     found: dict[str, Way] = {

@@ -47,12 +47,10 @@ from hadr.synthesis.scene.scene import HoldScene
 from hadr.trained_finders import HandKeypoints, Segmentation
 from hadr.trained_networks import DepthNetwork
 
-SMALL = ("far", "near", "lens")
-"""Drawn at the size at which the networks see them, which is faster."""
 SLIGHT = ("mask wider by 2 px", "the mask without its upper quarter")
 """Masks so near to the right one that they count as neither inside nor outside."""
 Change = Callable[[HoldScene, np.random.Generator], HoldScene]
-SETTINGS = GenerationSettings(engine="photo", sensor=True, frames_per_hold=1)
+SETTINGS = GenerationSettings(engine="photo", sensor=True, frames_per_hold=1, width=320, height=180)
 SEEDS = {"dev": 4001, "report": 4002}
 FRAMES = {"dev": 12, "report": 20}
 #: A coarse stereo camera: short baseline, few and weak dots, noisy imagers.
@@ -71,11 +69,6 @@ def moved(scene: HoldScene, distance: float) -> HoldScene:
 def at_distance(least: float, most: float) -> Change:
     """Move the camera to a distance from the glass, metres."""
     return lambda scene, rng: moved(scene, rng.uniform(least, most))
-
-
-def as_trained(scene: HoldScene, rng: np.random.Generator) -> HoldScene:
-    """The first edition's distances and pinhole: the bundled networks learned from its frames."""
-    return replace(moved(scene, 0.51 + 0.45 * rng.random() ** 1.5), aperture=0.0)
 
 
 def other_lens(scene: HoldScene, rng: np.random.Generator) -> HoldScene:
@@ -136,8 +129,7 @@ def unchanged(scene: HoldScene, _: np.random.Generator) -> HoldScene:
 
 SETS: dict[str, Change] = {
     "inside": unchanged,
-    "far": at_distance(1.15, 1.7),
-    "near": at_distance(0.22, 0.36),
+    "far": at_distance(0.85, 1.3),
     "lens": other_lens,
     "no-hand": without_hand,
     "elsewhere": elsewhere,
@@ -149,12 +141,8 @@ SETS: dict[str, Change] = {
 def drawn(name: str, part: str, number: int) -> Frame:
     """Make one frame."""
     settings = replace(SETTINGS, seed=SEEDS[part] + 10 * list(SETS).index(name))
-    if name in SMALL:
-        settings = replace(settings, width=256, height=144)
     recipe: FrameRecipe = replace(settings.recipe(number), split="test")
-    plain = as_trained(
-        build_scene(recipe, settings), np.random.default_rng([settings.seed, number, 1])
-    )
+    plain = build_scene(recipe, settings)
     scene = SETS[name](plain, np.random.default_rng([settings.seed, number, 99]))
     # A painted glass has the labels of the glass.
     labelled = replace(scene, contents=plain.contents) if name == "opaque" else scene
@@ -207,7 +195,7 @@ def shifted(frame: Frame, rng: np.random.Generator) -> Shown:
 
 
 def other_masks(frame: Frame, rng: np.random.Generator) -> dict[str, npt.NDArray[np.bool_]]:
-    """Masks that are not the glass's, by name; in pixels of the samples' 448x252."""
+    """Masks that are not the glass's, by name; in pixels of the samples' 320x180."""
     mask = frame.object_mask
     rows, columns = np.nonzero(mask)
     middle = np.array([rows.mean(), columns.mean()])
@@ -241,7 +229,7 @@ def finders() -> tuple[Segmentation, HandKeypoints]:
     folder = samples_dir() / "checkpoints"
     return (
         Segmentation.load(folder / "segmentation-imagenet.safetensors"),
-        HandKeypoints.load(folder / "hand-keypoints-mini.safetensors"),
+        HandKeypoints.load(folder / "hand-keypoints-imagenet.safetensors"),
     )
 
 
@@ -406,7 +394,7 @@ def main() -> None:
     parser.add_argument("--part", choices=list(SEEDS), default="report")
     parser.add_argument("--sets", nargs="+", choices=list(SETS), default=list(SETS))
     parser.add_argument("--real", type=Path, default=real.real_folder(), help="ClearGrasp's frames")
-    bundled = sorted((samples_dir() / "checkpoints").glob("hadr*-mini.safetensors"))
+    bundled = sorted((samples_dir() / "checkpoints").glob("hadr*-imagenet.safetensors"))
     parser.add_argument("--checkpoints", type=Path, nargs="+", default=bundled)
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()

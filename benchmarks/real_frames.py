@@ -179,7 +179,7 @@ def measure(
         for network in networks:
             found = with_hands(network, color, raw, mask, camera, hands)
             scores = [score(depth, raw, truth, mask) for depth, _ in found]
-            title = network.title + " that sees" * ("imagenet" in network.name)
+            title = network.title + " of the handover" * ("handover" in network.name)
             name = f"{title}, stand-in hand"
             rows.append({"method": name, "scene": scene, **mean_row(scores)})
             few = hands[:3]
@@ -214,7 +214,7 @@ def main() -> None:
         nargs="+",
         default=[
             bundled / f"{kind}-{size}.safetensors"
-            for size in ("mini", "imagenet")
+            for size in ("imagenet", "handover")
             for kind in ("hadr", "hadr-plus")
         ],
     )

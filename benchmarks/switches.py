@@ -148,7 +148,7 @@ class Frames:
     """The frames of a benchmark at each size that is asked for; keypoints true or predicted."""
 
     def __init__(self, learned: FrameSource, others: FrameSource) -> None:
-        keypoints = samples_dir() / "checkpoints" / "hand-keypoints-mini.safetensors"
+        keypoints = samples_dir() / "checkpoints" / "hand-keypoints-imagenet.safetensors"
         self.given = Given(keypoints=str(keypoints))
         self.sources = {"learned": learned, "others": others}
         self.kept: dict[Any, FrameTensors] = {}

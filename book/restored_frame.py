@@ -37,7 +37,7 @@ def main() -> None:
     """Restore one test frame and draw it."""
     parser = argparse.ArgumentParser(description=__doc__)
     here = Path(__file__).resolve().parent
-    parser.add_argument("--frame", type=int, default=0, help="number of the test frame (0)")
+    parser.add_argument("--frame", type=int, default=42, help="number of the test frame (42)")
     parser.add_argument("--out", type=Path, default=here / "images" / "restored_frame.png")
     args = parser.parse_args()
 

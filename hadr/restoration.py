@@ -44,7 +44,7 @@ from hadr.trained_finders import (
 from hadr.trained_networks import DepthNetwork
 
 METHODS = ("auto", *DEPTH_NETWORKS, "nearest", "inpaint", "hand-median")
-CHECKPOINT_NAME = "hadr-mini.safetensors"
+CHECKPOINT_NAME = "hadr-imagenet.safetensors"
 """The sample checkpoint that is taken where none is named."""
 Depth = NDArray[np.float32]
 Points = NDArray[np.float64]
@@ -201,7 +201,7 @@ class Restorer:
             from hadr.data.samples import samples_dir
 
             auto = self.method in ("auto", "hadr")
-            name = CHECKPOINT_NAME if auto else f"{self.method}-mini.safetensors"
+            name = CHECKPOINT_NAME if auto else f"{self.method}-imagenet.safetensors"
             try:
                 given = samples_dir() / "checkpoints" / name
             except FileNotFoundError:

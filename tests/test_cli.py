@@ -31,13 +31,13 @@ OUTPUTS = [
 
 @pytest.fixture
 def frame(tmp_path):
-    """The files of a small frame: a hole in a plane at 0.8 m, and the words that restore it."""
-    depth = np.full((48, 64), 800, np.uint16)
+    """The files of a small frame: a hole in a plane at 0.5 m, and the words that restore it."""
+    depth = np.full((48, 64), 500, np.uint16)
     depth[10:30, 20:40] = 0
     mask = np.zeros((48, 64), np.uint8)
     mask[10:30, 20:40] = 255
     color = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
-    hand = np.zeros((21, 3)) + np.linspace(0, 0.15, 21)[:, None] + (0, 0, 0.7)
+    hand = np.zeros((21, 3)) + np.linspace(0, 0.15, 21)[:, None] + (0, 0, 0.42)
     for name, image in (("rgb", color), ("depth", depth), ("mask", mask)):
         cv2.imwrite(str(tmp_path / f"{name}.png"), image)
     (tmp_path / "hand.json").write_text(json.dumps(hand.tolist()))
@@ -68,7 +68,7 @@ def test_all_files_are_written_and_agree(frame, capsys) -> None:
     assert sorted(p.name for p in out.iterdir()) == OUTPUTS
     depth = np.load(out / "depth.npy")
     assert depth.dtype == np.float32
-    np.testing.assert_allclose(depth, 0.8, rtol=1e-6)
+    np.testing.assert_allclose(depth, 0.5, rtol=1e-6)
     np.testing.assert_allclose(read_depth(out / "depth.png"), depth, atol=5e-4)
     mask = read_mask(frame / "mask.png")
     np.testing.assert_array_equal(np.load(out / "confidence.npy"), np.where(mask, 0, 1))
@@ -137,7 +137,7 @@ def test_what_mediapipe_lacks_is_one_sentence(
 
 
 def test_truth_prints_the_errors_of_both(frame, capsys) -> None:
-    np.save(frame / "truth.npy", np.full((48, 64), 0.75, np.float32))
+    np.save(frame / "truth.npy", np.full((48, 64), 0.55, np.float32))
     assert main(words(frame, truth=frame / "truth.npy")) == 0
     report = json.loads((frame / "out" / "report.json").read_text())
     assert "measured" not in report["errors_in_mask"], "nothing was measured in the mask"
@@ -150,7 +150,7 @@ def test_truth_prints_the_errors_of_both(frame, capsys) -> None:
 
 
 def test_a_truth_that_is_the_input_depth_is_named(frame) -> None:
-    depth = np.full((48, 64), 0.8, np.float32)
+    depth = np.full((48, 64), 0.5, np.float32)
     np.save(frame / "depth.npy", depth)
     assert main(words(frame, depth=frame / "depth.npy", truth=frame / "depth.npy")) == 0
     notes = json.loads((frame / "out" / "report.json").read_text())["notes"]
@@ -182,7 +182,7 @@ def test_a_truth_that_can_t_be_one_is_refused(frame, capsys, truth, sentence) ->
 
 
 def test_a_truth_unknown_in_the_mask_is_said(frame) -> None:
-    np.save(frame / "truth.npy", np.where(read_mask(frame / "mask.png"), 0, 0.8))
+    np.save(frame / "truth.npy", np.where(read_mask(frame / "mask.png"), 0, 0.5))
     assert main(words(frame, truth=frame / "truth.npy")) == 0
     report = json.loads((frame / "out" / "report.json").read_text())
     assert report["errors_in_mask"] == {}
@@ -213,7 +213,7 @@ def test_nothing_restored_is_exit_status_1_with_the_reasons(frame, capsys) -> No
 
 
 BAD = {
-    "a wrong scale": ({"depth_scale": 1}, "a median of 800, expected metres between"),
+    "a wrong scale": ({"depth_scale": 1}, "a median of 500, expected metres between"),
     "a missing file": ({"rgb": "gone.png"}, "gone.png does not exist"),
     "a truncated PNG": (
         {"depth": "bad.png"},

@@ -172,7 +172,7 @@ def record_fields() -> Iterator[tuple[Call, str, str, tuple[Any, ...]]]:
     """Wrong values for the fields of a checkpoint's record that somebody reads."""
     wrong: tuple[Any, ...] = (None, "x", [], {}, NAN, -1, HUGE)
     for call, name in ((NETWORK, "net.safetensors"), (PLUS, "plus.safetensors")):
-        sample = "hadr-mini" if call is NETWORK else "hadr-plus-mini"
+        sample = "hadr-imagenet" if call is NETWORK else "hadr-plus-imagenet"
         path = CHECKOUT / f"data_samples/checkpoints/{sample}.json"
         model = json.loads(path.read_text(encoding="utf-8"))["model"]
         for key in model:

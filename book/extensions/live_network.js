@@ -10,14 +10,16 @@ live.half = (bits) => {
   return sign * (1024 + part) * 2 ** (exponent - 25);
 };
 
-// What live_weights.js calls: the configuration, [name, shape] of each tensor in order, all halves.
+// What live_weights.js calls: the configuration, [name, shape, steps] of each tensor in order, the
+// tensors. With steps, one an output, it is 8-bit integers; without, 16-bit floats.
 live.weights = (config, constants, names, text) => {
   Object.assign(live, { config, constants });
-  const halves = new Uint16Array(live.bytes(text).buffer);
+  const bytes = new DataView(live.bytes(text).buffer);
   let at = 0;
-  for (const [name, shape] of names) {
+  for (const [name, shape, steps] of names) {
     const data = new Float32Array(shape.reduce((a, b) => a * b, 1));
-    for (let i = 0; i < data.length; i++) data[i] = live.half(halves[at++]);
+    for (let i = 0, each = data.length / (steps?.length ?? 1); i < data.length; i++, at += steps ? 1 : 2)
+      data[i] = steps ? bytes.getInt8(at) * steps[Math.floor(i / each)] : live.half(bytes.getUint16(at, true));
     live.tensors[name] = { shape, data };
   }
 };
@@ -31,6 +33,7 @@ live.unpacked = (stored) => {
 };
 
 const map = (c, h, w) => ({ c, h, w, data: new Float32Array(c * h * w) });
+const relu6 = (x) => { x.data.forEach((v, i) => { x.data[i] = Math.min(Math.max(v, 0), 6); }); return x; };
 const silu = (x) => { x.data.forEach((v, i) => { x.data[i] = v / (1 + Math.exp(-v)); }); return x; };
 const added = (a, b) => { b.data.forEach((v, i) => { a.data[i] += v; }); return a; };
 const joined = (maps) => {
@@ -41,7 +44,7 @@ const joined = (maps) => {
 };
 
 // A convolution's weights and bias; its batch normalisation is multiplied in.
-const folded = (conv, norm) => {
+const folded = (conv, norm, tiny = 1e-5) => {
   const key = conv + norm;
   if (live.layers[key]) return live.layers[key];
   const get = (name) => live.tensors[name];
@@ -49,26 +52,41 @@ const folded = (conv, norm) => {
   const weight = Float32Array.from(data), bias = new Float32Array(shape[0]);
   if (get(conv + ".bias")) bias.set(get(conv + ".bias").data);
   if (norm) for (let o = 0, each = data.length / shape[0]; o < shape[0]; o++) {
-    const factor = get(norm + ".weight").data[o] / Math.sqrt(get(norm + ".running_var").data[o] + 1e-5);
+    const factor = get(norm + ".weight").data[o] / Math.sqrt(get(norm + ".running_var").data[o] + tiny);
     for (let i = 0; i < each; i++) weight[o * each + i] *= factor;
     bias[o] = get(norm + ".bias").data[o] + factor * (bias[o] - get(norm + ".running_mean").data[o]);
   }
   return (live.layers[key] = { out: shape[0], size: shape[2], weight, bias });
 };
 
-const convolved = (x, { out, size, weight, bias }, stride = 1) => {
-  const rim = size >> 1, height = Math.floor((x.h + 2 * rim - size) / stride) + 1;
-  const y = map(out, height, Math.floor((x.w + 2 * rim - size) / stride) + 1);
+// Rows and columns of zeros before the first ones; those behind the last follow from the size.
+const convolved = (x, { out, size, weight, bias }, stride = 1, before = size >> 1) => {
+  const y = map(out, Math.ceil(x.h / stride), Math.ceil(x.w / stride));
   const area = y.h * y.w, length = x.c * size * size, patches = new Float32Array(area * length);
   for (let v = 0, at = 0; v < y.h; v++) for (let u = 0; u < y.w; u++)
-    for (let c = 0; c < x.c; c++) for (let j = -rim; j <= rim; j++) for (let i = -rim; i <= rim; i++, at++) {
-      const row = v * stride + j, column = u * stride + i;
+    for (let c = 0; c < x.c; c++) for (let j = 0; j < size; j++) for (let i = 0; i < size; i++, at++) {
+      const row = v * stride + j - before, column = u * stride + i - before;
       if (row >= 0 && row < x.h && column >= 0 && column < x.w) patches[at] = x.data[(c * x.h + row) * x.w + column];
     }
   for (let o = 0; o < out; o++) for (let p = 0; p < area; p++) {
     let sum = 0, from = o * length, at = p * length;
     for (const end = at + length; at < end; at++, from++) sum += weight[from] * patches[at];
     y.data[o * area + p] = sum + bias[o];
+  }
+  return y;
+};
+
+// Each channel by itself.
+const depthwise = (x, { size, weight, bias }, stride, before) => {
+  const y = map(x.c, Math.ceil(x.h / stride), Math.ceil(x.w / stride));
+  for (let c = 0, at = 0; c < x.c; c++) for (let v = 0; v < y.h; v++) for (let u = 0; u < y.w; u++, at++) {
+    let sum = bias[c];
+    for (let j = 0; j < size; j++) for (let i = 0; i < size; i++) {
+      const row = v * stride + j - before, column = u * stride + i - before;
+      if (row >= 0 && row < x.h && column >= 0 && column < x.w)
+        sum += weight[(c * size + j) * size + i] * x.data[(c * x.h + row) * x.w + column];
+    }
+    y.data[at] = sum;
   }
   return y;
 };
@@ -184,7 +202,31 @@ const seenOf = (frame, keypoints, mask, crop) => {
   return [seen, known.concat(middle.map((m) => 3 * m))];
 };
 
+// EfficientNet-Lite0's maps of strides 4, 8 and 16, from the crop's colour; its padding changes sides.
+const lite = (crop) => {
+  const { rows, ends } = live.config.lite, area = crop.h * crop.w;
+  const before = (size, stride, left) => (stride > 1 ? size - stride + left : size - 1) >> 1;
+  const normed = (name, n) => folded(`${name}.${n}`, `${name}.${n + 1}`, 1e-3);
+  let x = { c: 3, h: crop.h, w: crop.w, data: crop.data.slice(0, 3 * area).map((v) => ((v + 0.5) * 255 - 127) / 128) };
+  x = relu6(convolved(x, normed("lite.stem", 1), 2, before(3, 2, 0)));
+  let halved = 1;
+  const maps = [];
+  rows.forEach(([expand, channels, size, first, blocks], r) => {
+    for (let n = 0; n < blocks; n++) {
+      const name = `lite.rows.${r}.${n}.layers`, stride = n ? 1 : first, wide = expand > 1 ? 4 : 0;
+      let y = wide ? relu6(convolved(x, normed(name, 1))) : x;
+      y = relu6(depthwise(y, normed(name, wide + 1), stride, before(size, stride, halved % 2)));
+      y = convolved(y, normed(name, wide + 5));
+      x = stride === 1 && x.c === channels ? added(y, x) : y;
+      if (stride === 2) halved++;
+    }
+    if (ends.includes(r)) maps.push(x);
+  });
+  return maps;
+};
+
 const unet = (crop, given) => {
+  const maps = live.config.lite ? lite(crop) : [];
   const blocks = (name, x) => {
     for (let n = 0; live.tensors[`${name}.${n}.first.0.weight`]; n++) x = residual(`${name}.${n}`, x);
     return x;
@@ -193,6 +235,7 @@ const unet = (crop, given) => {
   const skipped = [];
   for (let n = 0; n < 3; n++) {
     if (n) x = layer(`unet.down.${n - 1}`, x, 2);
+    if (maps[n]) x = added(x, convolved(maps[n], folded(`unet.further.${n}`, "")));
     x = blocks(`unet.left.${n}`, x);
     skipped.push(x);
   }

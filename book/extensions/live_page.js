@@ -31,19 +31,18 @@ live.open = (home, weights) => {
     const side = Math.min(1.15 * Math.max(high[0] - low[0], high[1] - low[1], 60), frame.height);
     const corner = [0, 1].map((axis) => Math.min(Math.max((low[axis] + high[axis] - side) / 2, 0), [frame.width, frame.height][axis] - side));
     window_ = { left: corner[0], top: corner[1], side };
-    shown = new Image();
-    shown.onload = drawPicture;
-    shown.src = `data:image/jpeg;base64,${frame.shown}`;
+    shown = Object.assign(document.createElement("canvas"), { width: frame.width, height: frame.height });
+    const pixels = new ImageData(frame.width, frame.height);
+    mask.forEach((_, i) => pixels.data.set([...frame.color.subarray(3 * i, 3 * i + 3), 255], 4 * i));
+    shown.getContext("2d").putImageData(pixels, 0, 0);
     ask();
   };
 
   // ---- the picture, the hole and the hand ----
   const drawPicture = () => {
     const pen = picture.getContext("2d"), { left, top, side } = window_, zoom = picture.width / side;
-    const fine = shown.naturalWidth / frame.width;
     const at = ([u, v]) => [(u + 0.5 - left) * zoom, (v + 0.5 - top) * zoom];
-    if (shown.naturalWidth)
-      pen.drawImage(shown, left * fine, top * fine, side * fine, side * fine, 0, 0, picture.width, picture.width);
+    pen.drawImage(shown, left, top, side, side, 0, 0, picture.width, picture.width);
     pen.fillStyle = "rgb(0 114 178 / 45%)";
     mask.forEach((inside, i) => {
       if (!inside) return;
@@ -250,7 +249,7 @@ live.open = (home, weights) => {
   find("reset").addEventListener("click", () => live.show(+choice.value));
   const load = () => {
     find("load").hidden = true;
-    told.textContent = "The network (10 MB) is on its way.";
+    told.textContent = "The network (6 MB) is on its way.";
     const script = document.createElement("script");
     script.src = weights;
     script.onload = () => { ready = true; ask(); };

@@ -11,7 +11,7 @@ from hadr.data.samples import open_samples, samples_dir
 from hadr.press.live_network import frames_script, weights_script
 from hadr.trained_networks import DepthNetwork
 
-CHECKPOINT = "hadr-plus-mini.safetensors"
+CHECKPOINT = "hadr-plus-imagenet.safetensors"
 FRAMES = 20
 
 

@@ -80,7 +80,7 @@ def _finders(bench: Bench) -> tuple[Path, Path]:
     if bench.size == "imagenet":
         masks, hands = (bench.out / "nets" / kind / LAST for kind in kinds)
     else:
-        names = "segmentation-imagenet.safetensors", "hand-keypoints-mini.safetensors"
+        names = "segmentation-imagenet.safetensors", "hand-keypoints-imagenet.safetensors"
         masks, hands = (CHECKPOINTS / name for name in names)
     return masks, hands
 

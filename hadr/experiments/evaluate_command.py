@@ -23,11 +23,11 @@ EPILOG = """
 examples
   A training beside the bundled network, on the bundled test frames:
     hadr evaluate runs/mini/best.safetensors \\
-        data_samples/checkpoints/hadr-mini.safetensors
+        data_samples/checkpoints/hadr-imagenet.safetensors
   Given what other networks predict, and the tables as a file:
     hadr evaluate runs/mini/best.safetensors --out tables.json \\
         --masks data_samples/checkpoints/segmentation-imagenet.safetensors \\
-        --keypoints data_samples/checkpoints/hand-keypoints-mini.safetensors
+        --keypoints data_samples/checkpoints/hand-keypoints-imagenet.safetensors
 
 exit status
   0 done   1 the disk is full   2 unusable checkpoint or data, or a wrong call"""

@@ -12,50 +12,50 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from safetensors.numpy import load_file
 
-from hadr.camera import resize_color
 from hadr.data.frame import Frame
-from hadr.data.frame_pictures import encode_color
 from hadr.models import hadr_plus
+from hadr.models.blocks.efficientnet_lite import ENDS, ROWS
 from hadr.models.network_input import frame_to_input
 from hadr.synthesis.glass.objects import OBJECTS
 from hadr.trained_networks import DepthNetwork
+from hadr.training.checkpoints import STEP
 
 DEPTH_UNIT = 1e-4
 """Metres of a step of the frames' depth."""
-SHOWN = 2
-"""How many times larger the picture is that is shown."""
 
 
 def weights_script(checkpoint: str | Path) -> str:
-    """A HADR-plus as a call of ``live.weights``: configuration, constants, names, halves in base64.
+    """A HADR-plus as a call of ``live.weights``: configuration, constants, names and the tensors.
 
     Raises:
         ValueError: The checkpoint is not a HADR-plus, or has a part that the page doesn't know.
     """
     network = DepthNetwork.load(checkpoint)
     model = network.model
-    if not isinstance(model, hadr_plus.HADRPlus) or model.config.lite:
-        raise ValueError(f"{checkpoint} is not a HADR-plus without a further encoder")
+    if not isinstance(model, hadr_plus.HADRPlus):
+        raise ValueError(f"{checkpoint} is not a HADR-plus")
     plain = hadr_plus.HADRPlusConfig()
     for name in ("metric_crop", "hand_depth", "keypoint_maps", "color", "hand_vector"):
         if getattr(model.config, name) != getattr(plain, name):
             raise ValueError(f"{checkpoint} has {name} off, which the page doesn't know")
-    tensors = {
-        name: value.numpy().astype("<f2")
-        for name, value in model.state_dict().items()
-        if value.is_floating_point()
-    }
+    names: list[tuple[Any, ...]] = []
+    data = b""
+    tensors = load_file(checkpoint)
+    for name, value in tensors.items():
+        if value.dtype == np.int8 and (step := tensors.get(STEP + name)) is not None:
+            names.append((name, value.shape, step.tolist()))
+            data += value.tobytes()
+        elif np.issubdtype(value.dtype, np.floating) and not name.startswith(STEP):
+            names.append((name, value.shape))
+            data += value.astype("<f2").tobytes()
     config = {n: getattr(model.config, n) for n in ("crop", "pixel_m", "candidates", "plane")}
+    if lite := model.config.lite:
+        ends = ENDS[: lite.stages]
+        config["lite"] = {"rows": ROWS[: ends[-1] + 1], "ends": ends}
     constants = {n: getattr(hadr_plus, n) for n in ("DEPTH_M", "NEAR_M", "GROUPS", "UNITS")}
-    names = [(name, value.shape) for name, value in tensors.items()]
-    return _call(
-        "live.weights",
-        config,
-        constants,
-        names,
-        _text(b"".join(value.tobytes() for value in tensors.values())),
-    )
+    return _call("live.weights", config, constants, names, _text(data))
 
 
 def frames_script(frames: Sequence[Frame], size: tuple[int, int]) -> str:
@@ -78,7 +78,6 @@ def _frame(frame: Frame, size: tuple[int, int]) -> dict[str, Any]:
     part = slice(left, left + height)
     fx, fy, cx, cy = seen.intrinsics[0].tolist()
     color = (255 * seen.color[0, :, :, part]).round().byte().permute(1, 2, 0).numpy()
-    shown = resize_color(frame.color, SHOWN * width, SHOWN * height)
     return {
         "name": f"{OBJECTS[frame.object_id].name}, {frame.object_id}/{frame.stem}",
         "width": height,
@@ -86,7 +85,6 @@ def _frame(frame: Frame, size: tuple[int, int]) -> dict[str, Any]:
         "camera": [fx, fy, cx - left, cy],
         "keypoints": seen.keypoints[0].tolist(),
         "color": _text(color.tobytes()),
-        "shown": _text(encode_color(shown[:, SHOWN * left : SHOWN * (left + height)], 85)),
         "depth": _text(_steps(seen.depth[0, :, part].numpy())),
         "truth": _text(_steps(true.depth[0, :, part].numpy())),
         "unit": DEPTH_UNIT,

@@ -13,7 +13,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -32,6 +32,12 @@ _CHECKSUM = "sha256"
 _HEADER = "hadr"
 _LARGEST = 16384
 _STATE = "training/"  # prefix of tensors that only a resumed training needs
+STEP = "step/"
+"""Prefix of the steps of weights that are stored as 8-bit integers."""
+
+Stored = Literal["float32", "float16", "int8"]
+"""How weights are stored; by "int8" those with an output axis are, each output with a step of its
+own, and the others by "float16"."""
 
 
 @dataclass(frozen=True)
@@ -73,15 +79,14 @@ def save_checkpoint(
     model: nn.Module,
     meta: Mapping[str, Any],
     *,
-    half: bool = False,
+    stored: Stored = "float32",
     training_state: Mapping[str, Tensor] | None = None,
 ) -> None:
     """Write a checkpoint, `.safetensors`, and the record beside it, `.json`.
 
-    The record is `meta` with "network", the network's kind, and "model", its configuration; `half`
-    stores the weights as 16-bit floats, half the size and rounded to 3 digits; `training_state` are
-    further tensors that a resumed training needs. ValueError for another name or an unknown
-    network.
+    The record is `meta` with "network", the network's kind, and "model", its configuration;
+    `training_state` are further tensors that a resumed training needs. ValueError for another name
+    or an unknown network.
     """
     path = Path(path)
     if path.suffix != ".safetensors":
@@ -91,7 +96,14 @@ def save_checkpoint(
     tensors = {}
     for name, values in model.state_dict().items():
         values = values.detach().cpu().contiguous()
-        tensors[name] = values.half() if half and values.is_floating_point() else values
+        if stored == "float32" or not values.is_floating_point():
+            tensors[name] = values
+        elif stored == "int8" and values.ndim > 1:
+            step = values.flatten(1).abs().amax(dim=1).clamp(min=1e-12) / 127  # (outputs,)
+            tensors[name] = (values / _along(step, values)).round().to(torch.int8)
+            tensors[STEP + name] = step
+        else:
+            tensors[name] = values.half()
     for name, values in (training_state or {}).items():
         tensors[_STATE + name] = values.detach().cpu().contiguous()
 
@@ -128,11 +140,15 @@ def load_checkpoint(path: str | Path) -> tuple[Any, dict[str, Any]]:
         model = NETWORKS[kind].network_class()(_without_download(config))
     except (RuntimeError, ValueError, IndexError, ZeroDivisionError) as error:
         raise ValueError(f"{path}: its model is no network that can be: {error}") from error
-    weights = {
-        name: values.float() if values.is_floating_point() else values
-        for name, values in tensors.items()
-        if not name.startswith(_STATE)
-    }
+    weights = {}
+    for name, values in tensors.items():
+        if name.startswith((_STATE, STEP)):
+            continue
+        step = tensors.get(STEP + name)
+        if step is not None:
+            weights[name] = values * _along(step, values)
+        else:
+            weights[name] = values.float() if values.is_floating_point() else values
     for name, values in weights.items():
         if not bool(torch.isfinite(values).all()):
             raise ValueError(f"{path} holds weights that are no numbers, in {name}")
@@ -162,6 +178,11 @@ def load_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
     return model, (int(meta["width"]), int(meta["height"]))
 
 
+def _along(step: Tensor, weights: Tensor) -> Tensor:
+    """The steps (outputs,) in the shape that multiplies weights (outputs, ...)."""
+    return step.view(-1, *[1] * (weights.ndim - 1))
+
+
 def kind_of(model: nn.Module) -> str:
     """Give the kind of a network, such as "hadr"; ValueError where it is of no known kind."""
     for kind, network in NETWORKS.items():
@@ -179,9 +200,9 @@ def trained_corruption(meta: Mapping[str, Any]) -> Corruption:
     raise ValueError(f"corruption must be one of {', '.join(CORRUPTIONS)}, got {stored!r}")
 
 
-def strip_checkpoint(source: str | Path, target: str | Path) -> None:
-    """Write a checkpoint's weights alone, in half precision; errors as `load_checkpoint`."""
-    save_checkpoint(target, *load_checkpoint(source), half=True)
+def strip_checkpoint(source: str | Path, target: str | Path, stored: Stored) -> None:
+    """Write a checkpoint's weights alone, in fewer bits; errors as `load_checkpoint`."""
+    save_checkpoint(target, *load_checkpoint(source), stored=stored)
 
 
 def update_record(path: str | Path, additions: Mapping[str, Any]) -> dict[str, Any]:

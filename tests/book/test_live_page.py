@@ -37,7 +37,7 @@ def frames():
 
 @pytest.fixture(scope="module")
 def network():
-    return DepthNetwork.load(CHECKPOINTS / "hadr-plus-mini.safetensors")
+    return DepthNetwork.load(CHECKPOINTS / "hadr-plus-imagenet.safetensors")
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def page(tab, tmp_path, frames, network):
     scripts = (
         NETWORK.read_text(encoding="utf-8"),
         "live.frames = []; live.frame = (stored) => live.frames.push(stored);",
-        weights_script(CHECKPOINTS / "hadr-plus-mini.safetensors"),
+        weights_script(CHECKPOINTS / "hadr-plus-imagenet.safetensors"),
         frames_script(frames, network.size),
     )
     text = "".join(f"<script>{script}</script>" for script in scripts)
@@ -115,8 +115,8 @@ def test_without_a_hand_the_page_does_what_hadr_restore_does(page, frames, netwo
 
 
 def test_only_a_whole_hadr_plus_is_taken(network) -> None:
-    with pytest.raises(ValueError, match=r"hadr-mini.safetensors is not a HADR-plus"):
-        weights_script(CHECKPOINTS / "hadr-mini.safetensors")
+    with pytest.raises(ValueError, match=r"hadr-imagenet.safetensors is not a HADR-plus"):
+        weights_script(CHECKPOINTS / "hadr-imagenet.safetensors")
 
 
 def test_the_built_page_restores_moves_hides_and_refuses(tab, html) -> None:

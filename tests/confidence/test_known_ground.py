@@ -12,7 +12,7 @@ from hadr.confidence.calibration import Calibration, ConfidenceRule
 from hadr.confidence.frame_features import FEATURES, frame_features, outline_features, torn
 from hadr.confidence.known_ground import BEYOND, Field, Ground, shrunk_covariance
 from hadr.confidence.sight import Observation, Sight
-from hadr.data.samples import open_samples, samples_dir
+from hadr.data.samples import open_samples
 from hadr.restoration import Restorer
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
@@ -162,7 +162,7 @@ def test_no_bundled_glass_has_a_torn_mask(split: str) -> None:
 
 def test_a_mask_that_is_torn_or_three_pixels_wider_than_the_glass_gets_no_probability() -> None:
     frame = open_samples("val")[3]
-    networks = Restorer("hadr-plus", samples_dir() / "checkpoints" / "hadr-plus-mini.safetensors")
+    networks = Restorer("hadr-plus")
     seen, mask = (frame.color, frame.raw_depth, frame.camera), frame.object_mask
     assert networks(*seen, mask, frame.keypoints).tolerance_m == 0.02
     torn_mask = mask & (np.random.default_rng(0).random(mask.shape) >= 0.3)

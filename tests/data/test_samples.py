@@ -83,8 +83,8 @@ def test_everything_fits_into_a_clone():
     root = samples_dir()
     files = {p.relative_to(root): p.stat().st_size for p in root.rglob("*") if p.is_file()}
     weights = {p: size for p, size in files.items() if p.parts[0] == "checkpoints"}
-    assert sum(files.values()) - sum(weights.values()) < 60e6
-    assert 0 < sum(weights.values()) < 66e6
+    assert sum(files.values()) - sum(weights.values()) < 40e6
+    assert 0 < sum(weights.values()) < 45e6
 
 
 def test_sixty_frames_of_each_object_split_seven_two_one_by_pose(splits):
@@ -122,9 +122,9 @@ def test_each_bundled_frame_is_whole(splits, every):
         name = f"frame {frame.stem}"
         recipe = PRESETS["samples"].settings.recipe(int(frame.stem))
         assert (frame.object_id, frame.split) == (recipe.object_id, recipe.split), name
-        assert frame.color.shape == (252, 448, 3), name
+        assert frame.color.shape == (180, 320, 3), name
         assert frame.color.std() > 12, name
-        assert frame.depth[frame.hand_mask | frame.object_mask].min() > 0.2, name
+        assert frame.depth[frame.hand_mask | frame.object_mask].min() > 0.1, name
         assert 0.003 < frame.object_mask.mean() < 0.25, name
         assert frame.hand_mask.mean() > 0.004, name
         assert not (frame.object_mask & frame.hand_mask).any(), name

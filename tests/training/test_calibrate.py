@@ -76,7 +76,7 @@ def test_calibrating_says_what_it_was_fitted_on_and_makes_it_honest_there(
 def test_the_command_adds_to_the_record_and_leaves_the_weights(plus, tmp_path, capsys) -> None:
     path = tmp_path / "a.safetensors"
     meta = {"width": 32, "height": 24, "epochs": 7, "preset": {"name": "micro"}}
-    save_checkpoint(path, plus, meta, half=True, training_state={"x": torch.ones(2)})
+    save_checkpoint(path, plus, meta, stored="int8", training_state={"x": torch.ones(2)})
     before = {name: (t.dtype, t.numpy().tobytes()) for name, t in load_file(path).items()}
     line = [str(path), str(samples_dir() / "frames"), "--objects", "0006"]
     line += ["--out", str(tmp_path / "measured.json")]

@@ -14,6 +14,7 @@ from hadr.training.checkpoints import save_checkpoint
 from hadr.training.frames import predicted
 from hadr.training.losses import CODED
 from hadr.training.recipe import Preset
+from hadr.training.tasks.task import Task
 from hadr.training.train_command import (
     Options,
     recipe_from,
@@ -110,10 +111,13 @@ def test_a_folder_that_cannot_be_one_or_is_taken_is_refused_at_once(
         run(parsed(out=tmp_path))
 
 
-def test_a_start_must_be_a_network_of_the_same_form() -> None:
+def test_a_start_must_be_a_network_of_the_same_form(tmp_path: Path) -> None:
     checkpoints = samples_dir() / "checkpoints"
     recipe = recipe_from(parsed())
-    start = starting_weights(checkpoints / "hadr-mini.safetensors", recipe)
+    mini = tmp_path / "mini.safetensors"
+    size = {"width": recipe.width, "height": recipe.height}
+    save_checkpoint(mini, Task(recipe).build(), size)
+    start = starting_weights(mini, recipe)
     assert sum(p.numel() for p in start.parameters()) == 2708160
     seeing = recipe_from(parsed("--preset", "imagenet"))
     assert not starting_weights(checkpoints / "hadr-imagenet.safetensors", seeing).training
@@ -122,9 +126,7 @@ def test_a_start_must_be_a_network_of_the_same_form() -> None:
     with pytest.raises(ValueError, match="is a segmentation, expected hadr"):
         starting_weights(checkpoints / "segmentation-imagenet.safetensors", recipe)
     with pytest.raises(ValueError, match=r"differs from the preset's network in hand$"):
-        starting_weights(
-            checkpoints / "hadr-mini.safetensors", recipe_from(parsed("--hand", "none"))
-        )
+        starting_weights(mini, recipe_from(parsed("--hand", "none")))
 
 
 def test_a_training_goes_on_with_the_same_frames_alone(tmp_path: Path) -> None:

@@ -134,6 +134,7 @@ def _histogram(ax: Axes, values: Array, color: str, upper: float) -> None:
     ax.hist(np.clip(known, low, high), bins, color=color, alpha=0.85)
     middle = float(np.median(known))
     ax.axvline(middle, color="black", lw=1.2, ls="--")
+    ax.margins(y=0.15)
     ax.text(middle, 1.0, f" {middle:.3g}", transform=ax.get_xaxis_transform(), va="top", fontsize=9)
 
 

@@ -138,20 +138,26 @@ def restored_clouds(frame: Frame, depths: Mapping[str, FloatArray]) -> list[Clou
     return clouds
 
 
+def draw_cloud(ax: Axes, cloud: Cloud, title: str) -> None:
+    """Draw a cloud as who stands aside of the camera by 65 degrees sees it, in centimetres."""
+    turn = Rotation.from_euler("y", 65.0, degrees=True).as_matrix()
+    turned = (cloud.points - cloud.center) @ turn.T
+    order = np.argsort(-turned[:, 2])  # the nearest last
+    x, y, _ = 100 * turned[order].T
+    ax.scatter(x, -y, s=2.5, c=cloud.colors[order] / 255, lw=0)
+    half = 100 * cloud.radius
+    ax.set(xlim=(-half, half), ylim=(-1.3 * half, 1.3 * half), aspect="equal")
+    ax.set_facecolor("#e6ebf0")
+    bare_axes(ax, title)
+
+
 def draw_clouds(clouds: Sequence[Cloud]) -> Figure:
-    """Draw clouds of one scale as who stands aside of the camera by 65 degrees sees them."""
+    """Draw clouds side by side as `draw_cloud` does, with their scale."""
     fig: Figure
     fig, axes = plt.subplots(1, len(clouds), figsize=(9, 9 / len(clouds) * 1.3 + 0.3))
-    turn = Rotation.from_euler("y", 65.0, degrees=True).as_matrix()
-    half = 100 * clouds[0].radius
     for ax, cloud in zip(axes, clouds, strict=True):
-        turned = (cloud.points - cloud.center) @ turn.T
-        order = np.argsort(-turned[:, 2])  # the nearest last
-        x, y, _ = 100 * turned[order].T
-        ax.scatter(x, -y, s=2.5, c=cloud.colors[order] / 255, lw=0)
-        ax.set(xlim=(-half, half), ylim=(-1.3 * half, 1.3 * half), aspect="equal")
-        ax.set_facecolor("#e6ebf0")
-        bare_axes(ax, cloud.name)
+        draw_cloud(ax, cloud, cloud.name)
+    half = 100 * clouds[0].radius
     axes[0].plot([2 - half, 7 - half], [1 - 1.3 * half] * 2, color="black", lw=2)
     axes[0].text(4.5 - half, 1.4 - 1.3 * half, "5 cm", ha="center", fontsize=9.5)
     return fig

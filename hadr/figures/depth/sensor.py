@@ -109,7 +109,7 @@ def see_through_picture(frame: Frame, missing: float, background: float, seed: i
     show_depth(axes[1], seen[window], title, vmin=near, vmax=far)
     error = np.where(mask & (seen > 0), seen - truth, np.nan)
     known = "none" if np.isnan(found.bias_m) else f"{100 * found.bias_m:+.1f} cm"
-    show_error(axes[2], error[window], f"median error {known}", limit=0.4)
+    show_error(axes[2], error[window], f"median error {known}", limit=0.2)
     return figure
 
 

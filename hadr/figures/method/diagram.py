@@ -14,7 +14,7 @@ import numpy.typing as npt
 import torch
 from matplotlib.patches import Rectangle
 
-from hadr.camera import back_project, project, resize_color
+from hadr.camera import back_project, project
 from hadr.corruption import erase_mask
 from hadr.data.frame import Frame
 from hadr.data.samples import open_samples, samples_dir
@@ -260,9 +260,8 @@ def _draw_features(sheet: Sheet, e: _Example) -> None:
         sheet.write(middle, bottom + 0.34, words[name], ha="center")
         number = f"{_widths(e)[name]} numbers"
         sheet.write(middle, bottom + 0.14, number, ha="center", color=dark, weight="bold")
-    _, v, u = e.output.rays[e.ray].tolist()
-    height, width = e.inputs.depth.shape[1:]
-    axes["ray"].imshow(resize_color(e.frame.color, width, height))
+    u, v = project(e.output.points[e.ray].numpy(), e.frame.camera)
+    axes["ray"].imshow(e.frame.color)
     axes["ray"].set(xlim=(u - 4, u + 4), ylim=(v + 4, v - 4))
     axes["ray"].axhline(v, color="white", lw=1)
     axes["ray"].axvline(u, color="white", lw=1)

@@ -179,8 +179,8 @@ PRESETS: dict[str, Preset] = {
     ),
     "samples": Preset(
         480,
-        _SMALL,
-        "the project's sample frames: 480 of 448x252 from 240 recorded holds",
+        replace(_SMALL, width=320, height=180),
+        "the project's sample frames: 480 of 320x180 from 240 recorded holds",
         bundled_recordings=True,
     ),
     "gallery": Preset(

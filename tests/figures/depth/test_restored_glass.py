@@ -1,5 +1,8 @@
 """The restored glass: which frames, what of them, and the errors that are written down."""
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,6 +14,7 @@ from hadr.figures.depth.restored_glass import (
     restored_clouds,
     square_window,
 )
+from hadr.frame_io import read_color
 
 CAMERA = Intrinsics(100.0, 100.0, 29.5, 19.5, 60, 40)
 
@@ -65,3 +69,10 @@ def test_clouds_have_what_is_near_the_glass_and_mark_it(glass):
         np.testing.assert_allclose(cloud.center, clouds[2].center)
     drawn = draw_clouds(clouds).axes
     assert [len(ax.collections[0].get_offsets()) for ax in drawn] == [1, 200, 200]
+
+
+def test_the_picture_of_the_first_page_is_drawn(tmp_path, monkeypatch):
+    script = Path(__file__).parents[3] / "book" / "restored_frame.py"
+    monkeypatch.setattr("sys.argv", [str(script), "--out", str(tmp_path / "drawn.png")])
+    runpy.run_path(str(script), run_name="__main__")
+    assert read_color(tmp_path / "drawn.png").shape[1] > 1000

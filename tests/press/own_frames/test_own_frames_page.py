@@ -25,7 +25,8 @@ def test_the_first_example_gives_what_the_page_promises(tmp_path, monkeypatch):
     assert report["counts"]["mask"] == report["counts"]["restored"]
     assert report["ground"]["inside"] is True, report["notes"]
     assert main([*shlex.split(view)[1:], "--no-browser"]) == 0
-    assert main([*shlex.split(restore.replace("0001", "0000"))[1:], "--out", "other"]) == 0
+    other = restore.replace("hand/0001", "hand/0000")
+    assert main([*shlex.split(other)[1:], "--out", "other"]) == 0
     notes = " ".join(json.loads((tmp_path / "other" / "report.json").read_text())["notes"])
     (reason,) = re.findall(r'says why: "(.+?)"', page.replace("\n", " "))
     assert reason in notes

@@ -13,7 +13,7 @@ SETTINGS = GenerationSettings(width=64, height=36, quality="fast")
 def test_presets_say_what_the_data_card_promises():
     samples, mini, paper = (PRESETS[name] for name in ("samples", "mini", "paper"))
     assert samples.frames == 480
-    assert (samples.settings.width, samples.settings.height) == (448, 252)
+    assert (samples.settings.width, samples.settings.height) == (320, 180)
     holds = {(r.object_id, r.hold_number) for r in map(samples.settings.recipe, range(480))}
     assert len(holds) == 240
     assert max(number for _, number in holds) == 29
