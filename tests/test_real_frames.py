@@ -87,9 +87,9 @@ def test_the_kept_table_is_whole_and_nothing_changes_outside_the_mask() -> None:
         assert "needs 21 hand keypoints" in lessons["note_of_restore"]
         methods = {row["method"] for row in kept.rows if row["scene"] == scene}
         learned = {
-            f"{network}{sees}, stand-in hand"
+            f"{network}{of}, stand-in hand"
             for network in ("HADR", "HADR-plus")
-            for sees in ("", " that sees")
+            for of in ("", " of the handover")
         }
         assert methods == {"raw", "inpainting", "nearest"} | learned
 

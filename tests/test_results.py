@@ -205,39 +205,33 @@ def test_what_chapter_5_says_of_2d_keypoints_is_so() -> None:
 
 
 def test_what_is_said_of_real_frames_is_so() -> None:
-    """Chapter 9: "three times", "by centimetres", the order; chapter 7: how much seeing helps."""
+    """Chapter 9: "nearly three times", the order; chapter 7: ranges, coverage, who is ahead."""
     real = read_result_file(RESULTS / "real" / "cleargrasp_d435.json")
     known = read_result_file(RESULTS / "longer" / "known.json")
     first, second = (
         {row["method"]: row for row in real.rows if row["scene"] == scene}
         for scene in real.provenance["scenes"]
     )
-    learned = real.provenance["scenes"]
+    lessons = [lesson["networks"] for lesson in real.provenance["scenes"].values()]
     fill = min(first[name]["rmse_m"] for name in ("inpainting", "nearest"))
     for method, title in (("hadr", "HADR"), ("hadr-plus", "HADR-plus")):
-        sees, blind = (f"{title}{word}, stand-in hand" for word in (" that sees", ""))
-        bad = first[sees]
-        assert 3 < bad["rmse_m"] / known.row(method=f"{method}-long")["rmse_m"] < 3.8
-        assert bad["rmse_high_m"] - bad["rmse_low_m"] > 0.015
-        assert first["raw"]["rmse_m"] < bad["rmse_m"] < first[blind]["rmse_m"] < fill - 0.01
-        assert bad["coverage"] > 0.98
-        assert second[sees]["coverage"] < 0.5
-        bottles, cups = (
-            [lessons["networks"][name.partition(",")[0]] for name in (sees, blind)]
-            for lessons in learned.values()
-        )
-        assert bottles[0]["answer_follows_hand"] < bottles[1]["answer_follows_hand"]
-        assert (cups[0]["share_right"] > cups[1]["share_right"]) == (method == "hadr")
-        for scene in (first, second):
-            measured = scene[sees]["where_measured"]["rmse_m"] < scene["raw"]["rmse_m"]
-            assert measured == (method == "hadr-plus")
+        near, far = (f"{title}{of}, stand-in hand" for of in ("", " of the handover"))
+        bad = first[near]
+        assert 2.6 < bad["rmse_m"] / known.row(method=f"{method}-long")["rmse_m"] < 2.9
+        assert bad["rmse_high_m"] - bad["rmse_low_m"] > 0.04
+        assert first[near]["rmse_m"] < first[far]["rmse_m"] < fill - 0.05
+        assert min(first[name]["coverage"] for name in (near, far)) > 0.95
+        assert second[near]["coverage"] < 0.5
+        assert second[far]["coverage"] > 0.95
+        cups = [lessons[1][name.partition(",")[0]]["share_right"] for name in (near, far)]
+        assert cups[0] > cups[1]
+        for name in (near, far):
+            before = [
+                s[name]["where_measured"]["rmse_m"] < s["raw"]["rmse_m"] for s in (first, second)
+            ]
+            assert all(before) == (name == "HADR-plus, stand-in hand")
     assert first["raw"]["coverage"] < 0.6
-    gain = [
-        first[f"{title}, stand-in hand"]["rmse_m"]
-        - first[f"{title} that sees, stand-in hand"]["rmse_m"]
-        for title in ("HADR", "HADR-plus")
-    ]
-    assert gain == pytest.approx([0.02, 0.009], abs=0.002)  # "two centimetres", "nearly one"
+    assert first["HADR-plus, stand-in hand"]["rmse_m"] == min(r["rmse_m"] for r in first.values())
 
 
 def test_what_chapter_9_says_of_the_rivals_is_so() -> None:
@@ -751,46 +745,46 @@ def test_running_it_says_what_the_presets_took() -> None:
 
 def test_pages_say_what_a_ground_tells() -> None:
     file = read_result_file(RESULTS / "confidence" / "known_ground.json")
-    of = {(row["network"].partition(".")[0], row["set"]): row for row in file.rows}
-    right = {
-        name: [100 * (of[name, where]["share_right"] or 0) for where in ("inside", "near", "far")]
-        for name in ("hadr-mini", "hadr-plus-mini")
-    }
-    (hadr, hadr_near, hadr_far), (plus, plus_near, _) = right.values()
-    page = (ROOT / "book" / "own_frames.md").read_text(encoding="utf-8")
-    assert f"HADR {hadr:.0f} % and HADR-plus {plus:.0f} % on frames like those" in page
-    assert f"{hadr_near:.0f} % and {plus_near:.0f} % at 0.22 to 0.36 m" in page
-    assert hadr_far == 0  # "none of HADR's"
-    assert of["hadr-plus-mini", "far"]["share_right"] is None  # "no depth at all"
-    masks = ("mask mirrored", "mask moved by 4 px", "a disc in place of the mask")
-    kept = [
-        of["hadr-plus-mini", name]["share_inside"] for name in (*masks, "the mask's upper half")
-    ]
-    assert 1 / 12.5 < min(kept) < max(kept) < 1 / 7.5  # "one in twelve to one in eight is not"
-    assert of["hadr-plus-mini", "30 % taken out of the mask"]["share_inside"] == 0  # "always"
+    of = {(row["network"].partition("-imagenet")[0], row["set"]): row for row in file.rows}
+    page = " ".join((ROOT / "book" / "own_frames.md").read_text(encoding="utf-8").split())
+    right = [100 * of[name, "inside"]["share_right"] for name in ("hadr", "hadr-plus")]
+    assert "HADR {:.0f} % and HADR-plus {:.0f} % on frames like those".format(*right) in page
+    for name in ("hadr", "hadr-plus"):
+        assert of[name, "far"]["share_right"] is None  # "neither gave any depth"
     for name, one_of, words in (
-        ("mask wider by 2 px", 3, "HADR-plus then says {}, and {} are right"),
-        ("the mask's upper half", 8, "the glass's upper half ({} and {})"),
-        ("colour and mask of the next frame", 8, "of another moment than the depth ({} and {})"),
-        ("colour and mask 15 px beside", 5, "lies 15 pixels beside the depth ({} and {})"),
+        ("mask wider by 2 px", 10, "HADR-plus then says {}, and {} are right"),
+        ("the mask's upper half", 9 / 4, "the glass's upper half ({} and {})"),
+        ("mask moved by 4 px", 4, "where it lies four pixels aside ({} and {})"),
+        ("colour and mask of the next frame", 10, "of another moment than the depth ({} and {})"),
+        ("colour and mask 15 px beside", 3, "lies 15 pixels beside the depth ({} and {})"),
+        ("sensor", 20 / 14, "in 14 of 20 ({} and {})"),
     ):
-        row = of["hadr-plus-mini", name]
-        assert row["share_inside"] == pytest.approx(1 / one_of, abs=0.025)
+        row = of["hadr-plus", name]
+        assert row["share_inside"] == pytest.approx(1 / one_of, abs=0.025), name
         pair = (f"{row[which]:.2f}" for which in ("said_inside", "share_right_inside"))
-        assert words.format(*pair) in " ".join(page.split())
-    assert of["hadr-plus-mini", "samples"]["share_inside"] == pytest.approx(7 / 8, abs=0.025)
-    assert "one right frame of eight gets no probability" in page
+        assert words.format(*pair) in page
+    assert of["hadr-plus", "30 % taken out of the mask"]["share_inside"] == 0  # "always"
+    like_training = ("samples", "gallery, 1280x720", "inside")
+    assert all(of["hadr-plus", name]["share_inside"] == 1 for name in like_training)
+    kept = sum(of["hadr-plus", name]["frames"] for name in like_training)
+    assert f"all {kept} right frames kept their probability" in page
 
 
 def test_networks_know_the_ground_on_which_they_are_right() -> None:
     """What is made unlike training is told, and nothing likely is said where nothing is right."""
     rows = read_result_file(RESULTS / "confidence" / "known_ground.json").rows
-    unlike = ("far", "near", "lens", "no-hand", "elsewhere", "sensor", "opaque", "real scene 080")
+    unlike = ("far", "lens", "no-hand", "elsewhere", "opaque", "real scene 080")
     found = [row for row in rows if row["set"].partition(",")[0] in unlike]
     assert len(found) == 2 * (len(unlike) + 1)  # a hand that is none is looked for, too
     for row in found:
         assert row["auc"] >= 0.95, (row["network"], row["set"])
-    wrong = [row for row in rows if row.get("share_right") is not None and row["share_right"] < 0.1]
+    coarse = [row for row in rows if row["set"] == "sensor"]
+    for row in coarse:  # not told, and not needed: what is said there is nearly true
+        assert row["auc"] < 0.8
+    assert abs(coarse[1]["said_inside"] - coarse[1]["share_right_inside"]) < 0.05
+    wrong = [
+        row for row in rows if row.get("share_right") is not None and row["share_right"] < 0.12
+    ]
     assert len(wrong) > 5
     for row in wrong:
         assert (row["said"] or 0) <= 0.2, (row["network"], row["set"])
