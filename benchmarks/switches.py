@@ -55,7 +55,7 @@ from hadr.training.recipe import Given, Preset
 from hadr.training.tasks.diagnosis import diagnose
 from hadr.training.tasks.task import Task
 
-NATIVE = {"width": 448, "height": 252}
+NATIVE = {"width": 320, "height": 180}
 """Size of the bundled frames, through a window of which a network looks."""
 RANDOM_LITE = LiteConfig(frozen=0, pretrained=False)
 SEES = {"voxel_relu": True, "lite": LiteConfig(), "encoder_rate": 0.1, **NATIVE}

@@ -21,7 +21,7 @@ FARTHEST_M = 30.0
 """Where more is measured, a number stands for "missing"."""
 LEAST_CONTRAST = 16
 """Between the darkest and the brightest hundredth of a picture's values, of 255; the bundled frames
-have 84 and more."""
+have 78 and more."""
 SQUARE = 0.03
 """How far from square a calibrated camera's pixels may seem."""
 OFF_CENTER = 0.15
@@ -43,7 +43,7 @@ FEW_PIXELS = 15
 SKIN_M = (-0.02, 0.04)
 """A bone lies so far behind the depth measured at its pixel, metres."""
 GLASS_M = (0.025, 0.30)
-"""How large a glass is, the root of its area; those of the bundled training frames seem 5.0 to 11.3
+"""How large a glass is, the root of its area; those of the bundled training frames seem 5.0 to 10.0
 cm, so that a depth in decimetres or centimetres lies outside."""
 
 

@@ -34,7 +34,7 @@ SKIN_M = (-0.02, 0.07)
 """A hand's joint lies so far behind the depth that is measured at its pixel, metres: 1 to 2 cm
 below the skin, more where a finger hides it."""
 OUTLINE_WIDTH = 448
-"""Width at which the mask's outline is looked at, pixels: of the bundled training frames."""
+"""Width to which a picture is brought before its mask's outline is looked at, pixels."""
 FAINT = 2.0
 """A step of brightness, per pixel, that is none; of 255."""
 STRETCH = 0.2
@@ -42,10 +42,10 @@ STRETCH = 0.2
 WEAKEST = 0.15
 """Share of the stretches that are weaker than the one that counts."""
 MOST_PARTS = 18
-"""Pieces and holes of a mask of glass; those of the bundled training frames have up to 9."""
+"""Pieces and holes of a mask of glass; those of the bundled frames have up to 8."""
 
 LEAST_FULL = 0.75
-"""Share of what a mask's outline holds that is in it: 87 % and more in the bundled frames, where
+"""Share of what a mask's outline holds that is in it: 88 % and more in the bundled frames, where
 fingers lie before the glass."""
 
 

@@ -43,6 +43,7 @@ def _checkpoints() -> Path:
 
 
 CHECKPOINTS = _checkpoints()
+FINDERS = "segmentation", "hand-keypoints"
 TRUE = "all true"
 
 
@@ -66,28 +67,24 @@ def masks_given(bench: Bench) -> dict[str, Given]:
     return {n: given for n, given in found.items() if not (near and given.corruption == "sensor")}
 
 
-def has_finders(bench: Bench) -> bool:
-    """Whether the networks that find masks and keypoints are there."""
-    return bench.size != "imagenet" or all(path.is_file() for path in _finders(bench))
-
-
 def _finders(bench: Bench) -> tuple[Path, Path]:
-    """Those that find masks and keypoints: bundled ones; of preset imagenet those in OUT/runs/nets.
+    """Those that find masks and keypoints: of preset imagenet OUT's own, if it has them.
 
-    That preset's finders learn from its own training frames, as all in its tables does.
+    Such have learned from that preset's training frames alone, as all in its tables has. Else the
+    bundled ones.
     """
-    kinds = "segmentation", "hand-keypoints"
+    masks, hands = (CHECKPOINTS / f"{kind}-imagenet.safetensors" for kind in FINDERS)
     if bench.size == "imagenet":
-        masks, hands = (bench.out / "nets" / kind / LAST for kind in kinds)
-    else:
-        names = "segmentation-imagenet.safetensors", "hand-keypoints-imagenet.safetensors"
-        masks, hands = (CHECKPOINTS / name for name in names)
+        own = tuple(bench.out / "nets" / kind / LAST for kind in FINDERS)
+        if all(path.is_file() for path in own):
+            masks, hands = own
     return masks, hands
 
 
-WITH_HAND = ("hand-median", "hadr", "hadr-long", "unet-hand", "hadr-plus")
+LONG = ("hadr-long", "unet-hand-long", "hadr-plus-long")
+WITH_HAND = ("hand-median", "hadr", "unet-hand", "hadr-plus", *LONG)
 """Methods that are given keypoints."""
-IN_CONDITIONS = ("hand-median", "hadr", "hadr-long", *RIVALS, "unet-hand", "hadr-plus")
+IN_CONDITIONS = ("hand-median", "hadr", *RIVALS, "unet-hand", "hadr-plus", *LONG)
 """Methods that the tables of conditions have."""
 
 

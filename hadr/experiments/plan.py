@@ -23,7 +23,6 @@ from hadr.experiments.conditions import (
     WITH_HAND,
     conditions_of,
     finished_condition,
-    has_finders,
     measure_condition,
 )
 from hadr.experiments.protocol import (
@@ -183,11 +182,8 @@ def _epochs_left(bench: Bench, run: Run) -> tuple[int, int]:
 
 
 def _conditions(bench: Bench, runs: Sequence[Run]) -> list[tuple[Run, str, Given]]:
-    """What the tables of conditions need of these runs; with another corruption, nothing.
-
-    Nor without the networks that find masks and keypoints.
-    """
-    if bench.corruption != "oracle" or not has_finders(bench):
+    """What the tables of conditions need of these runs; with another corruption, nothing."""
+    if bench.corruption != "oracle":
         return []
     seeds = {run.method: run.seed for run in reversed(runs) if run.experiment == "known"}
     return conditions_of(seeds, bench)

@@ -22,7 +22,6 @@ from hadr.experiments.conditions import (
     IN_CONDITIONS,
     WITH_HAND,
     condition_rows,
-    has_finders,
     keypoints_given,
     masks_given,
 )
@@ -71,7 +70,7 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
         for method, pair in against_next(rows, found, split, holds.get(split)).items():
             found[split, method]["against_next"] = pair
     gaps = against(rows, "known", ABLATION["full"], holds.get("known"))
-    oracle = bench.corruption == "oracle" and has_finders(bench)
+    oracle = bench.corruption == "oracle"
     conditions = {
         "keypoints": (keypoints_given(bench), WITH_HAND),
         "segmentation": (masks_given(bench), IN_CONDITIONS),

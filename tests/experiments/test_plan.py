@@ -72,13 +72,13 @@ def test_every_system_has_every_preset_and_a_step(size, tmp_path):
     runs = plan(size=size)
     steps = table_steps(bench, runs, {"known/hadr/seed-0": 5.0, "given all true": 3.0})
     given = [f"given {n}" for n in {**masks_given(bench), **keypoints_given(bench)}]
-    if size == "imagenet":  # without a sensor; and not before its finders are trained
+    if size == "imagenet":  # without a sensor; with its own finders, once there are both
         assert not any("sensor" in n for n in given)
-        assert not any(step.name in given for step in steps)
         for kind in ("segmentation", "hand-keypoints"):
+            assert "-imagenet.safetensors" in masks_given(bench)["predicted mask"].masks
             (tmp_path / "nets" / kind).mkdir(parents=True)
             (tmp_path / "nets" / kind / "last.safetensors").touch()
-        steps = table_steps(bench, runs, {"known/hadr/seed-0": 5.0, "given all true": 3.0})
+        assert str(tmp_path) in masks_given(bench)["predicted mask"].masks
     assert [step.name for step in steps[: len(plan(size=size))]] == [
         run.name for run in plan(size=size)
     ]
