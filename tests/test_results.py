@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import binomtest
 
 from hadr.data.splits import UNKNOWN_OBJECTS
-from hadr.experiments.conditions import IN_CONDITIONS, WITH_HAND
+from hadr.experiments.conditions import IN_CONDITIONS, LONG, WITH_HAND
 from hadr.experiments.plan import KNOWN_ALONE, OFTEN, REPRODUCED
 from hadr.experiments.protocol import METHODS, SEEING, SWITCHES
 from hadr.experiments.tables import ABLATION, FILES, LEDGER
@@ -178,8 +178,12 @@ def test_the_tables_have_every_method() -> None:
     unknown = read_result_file(mini / "unknown.json")
     for method in OFTEN:
         assert len(unknown.row(method=method)["seeds"]) >= 3
-    assert found["keypoints"] == set(WITH_HAND)
-    assert found["segmentation"] == set(IN_CONDITIONS)
+    assert found["keypoints"] == set(WITH_HAND) & set(METHODS)
+    assert found["segmentation"] == set(IN_CONDITIONS) & set(METHODS)
+    longer = RESULTS / "longer"
+    for name in ("keypoints", "segmentation"):
+        methods = {row["method"] for row in read_result_file(longer / f"{name}.json").rows}
+        assert methods == {"hand-median", *LONG}
 
 
 def test_errors_taken_apart_are_those_of_the_tables() -> None:

@@ -12,7 +12,7 @@ from hadr.press.live_network import frames_script, weights_script
 from hadr.trained_networks import DepthNetwork
 
 CHECKPOINT = "hadr-plus-imagenet.safetensors"
-FRAMES = 20
+FRAMES = 12
 
 
 def setup(app: Any) -> dict[str, Any]:

@@ -56,6 +56,7 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{FOUND_RULES}}": found_rules,
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
     "{{CONDITIONS_IMAGENET}}": lambda results: conditions_table(results / "imagenet"),
+    "{{CONDITIONS_LONGER}}": lambda results: conditions_table(results / "longer"),
     "{{REAL}}": lambda results: real_table(results / "real" / "cleargrasp_d435.json"),
     "{{SWITCHES}}": lambda results: switches_table(results / "training" / "switches.json"),
     "{{TUNING}}": lambda results: captioned(

@@ -64,7 +64,7 @@ def frames_script(frames: Sequence[Frame], size: tuple[int, int]) -> str:
 
 
 def _frame(frame: Frame, size: tuple[int, int]) -> dict[str, Any]:
-    """Of a frame a square around the mask, as high as the frame; ValueError without raw depth."""
+    """A frame at a network's size; ValueError without raw depth."""
     if frame.raw_depth is None:
         raise ValueError(f"frame {frame.stem} has no raw depth")
     raw = np.where(frame.object_mask, 0, frame.raw_depth)
@@ -72,23 +72,18 @@ def _frame(frame: Frame, size: tuple[int, int]) -> dict[str, Any]:
         frame_to_input(frame.color, depth, frame.object_mask, frame.keypoints, frame.camera, size)
         for depth in (raw, frame.depth)
     )
-    width, height = size
-    columns = seen.mask[0].any(dim=0).nonzero()
-    left = int(np.clip((int(columns.min()) + int(columns.max()) - height) // 2, 0, width - height))
-    part = slice(left, left + height)
-    fx, fy, cx, cy = seen.intrinsics[0].tolist()
-    color = (255 * seen.color[0, :, :, part]).round().byte().permute(1, 2, 0).numpy()
+    color = (255 * seen.color[0]).round().byte().permute(1, 2, 0).numpy()
     return {
         "name": f"{OBJECTS[frame.object_id].name}, {frame.object_id}/{frame.stem}",
-        "width": height,
-        "height": height,
-        "camera": [fx, fy, cx - left, cy],
+        "width": size[0],
+        "height": size[1],
+        "camera": seen.intrinsics[0].tolist(),
         "keypoints": seen.keypoints[0].tolist(),
         "color": _text(color.tobytes()),
-        "depth": _text(_steps(seen.depth[0, :, part].numpy())),
-        "truth": _text(_steps(true.depth[0, :, part].numpy())),
+        "depth": _text(_steps(seen.depth[0].numpy())),
+        "truth": _text(_steps(true.depth[0].numpy())),
         "unit": DEPTH_UNIT,
-        "mask": _text(np.packbits(seen.mask[0, :, part].numpy()).tobytes()),
+        "mask": _text(np.packbits(seen.mask[0].numpy()).tobytes()),
     }
 
 

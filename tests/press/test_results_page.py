@@ -25,7 +25,7 @@ BY_REPRODUCE = {
     *(f"mini/{name}.json" for name in (*FILES, "handover", "run_times")), "tiny/run_times.json",
     *(f"imagenet/{name}.json"
       for name in ("known", "unknown", "ablation", "ledger", "segmentation", "keypoints")),
-    "longer/known.json", "longer/unknown.json",
+    *(f"longer/{name}.json" for name in ("known", "unknown", "segmentation", "keypoints")),
 }  # fmt: skip
 
 
