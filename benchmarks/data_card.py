@@ -87,10 +87,10 @@ def plot_holds(logs: list[dict], split: np.ndarray, folder: Path) -> None:
         height = np.array([count[k] for k in kinds])
         axes[0].bar(kinds, height, bottom=bottom, color=SPLIT_COLORS[name], label=name)
         bottom += height
-    axes[0].tick_params(axis="x", rotation=60)
+    axes[0].tick_params(axis="x", rotation=90)
     axes[0].set_ylabel("frames")
     axes[0].legend(loc="upper left", fontsize=8)
-    axes[0].set_ylim(0, 1.25 * bottom.max())
+    axes[0].set_ylim(0, 1.6 * bottom.max())
     sides = ("right", "left")
     scales = [[100 * g["hand_scale"] for g in logs if g["hand_side"] == side] for side in sides]
     axes[1].hist(
@@ -137,8 +137,8 @@ def plot_raw(found: FrameStatistics, folder: Path) -> None:
     by_split(axes[0], 100 * found.missing_share, split, np.linspace(0, 100, 26))
     axes[0].set_xlabel("glass without raw depth, %")
     axes[0].legend()
-    by_split(axes[1], 1000 * found.bias_m, split, np.linspace(-60, 300, 37))
-    axes[1].set_xlabel("raw minus true depth on the glass, mm")
+    by_split(axes[1], np.clip(1000 * found.bias_m, -60, 300), split, np.linspace(-60, 300, 37))
+    axes[1].set_xlabel("raw minus true depth on the glass, mm\n(the last bar: 290 and more)")
     by_split(axes[2], 1000 * found.hand_error_m, split, np.linspace(0, 3, 25))
     axes[2].set_xlabel("error on the hand, mm")
     save(figure, folder, "raw_depth")
@@ -216,7 +216,7 @@ def statistics_table(found: FrameStatistics) -> str:
 
 def outside_table(frames: TransHand) -> str:
     """Raw depth's error on what is not glass, by true distance."""
-    edges = (0.3, 0.45, 0.6, 0.75, 1.0)
+    edges = (0.15, 0.3, 0.45, 0.6, 0.75, 1.0)
     found: list[list[np.ndarray]] = [[] for _ in edges[1:]]
     for frame in frames:
         for k, errors in enumerate(found):

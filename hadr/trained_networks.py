@@ -62,6 +62,7 @@ class NetworkDepth:
             network that cannot say how sure it is.
         restored: Pixels of the mask with a depth, shape (H, W) bool.
         no_answer: Share of the mask's working pixels without any answer, 0..1.
+        cut_off: Share of them that stay missing as HADR wanted an answer outside of its voxel.
         out_of_range: Share of them that stay missing as their answer lies outside of what was
             learned, 0..1.
         beyond: Share of them that are restored all the same, without confidence, 0..1.
@@ -74,6 +75,7 @@ class NetworkDepth:
     confidence: NDArray[np.float32]
     restored: BoolArray
     no_answer: float
+    cut_off: float
     out_of_range: float
     beyond: float
     ground: Verdict
@@ -215,6 +217,8 @@ class DepthNetwork:
             answered = (output.restored & (output.depth > 0))[0].numpy() & asked
             within = within_learned(output, self.learned_range_m)[0].numpy() & asked
             known = within_learned(output, None)[0].numpy() & asked if beyond else within
+            ends = getattr(output, "clamped", None)
+            clamped = np.zeros_like(asked) if ends is None else ends[0].numpy()
             found = output.depth[0].numpy()
             sure = np.zeros_like(found)
             if rule is not None:
@@ -238,7 +242,8 @@ class DepthNetwork:
             confidence=whole[1],
             restored=restored,
             no_answer=float((asked & ~answered).sum()) / count,
-            out_of_range=float((answered & ~known).sum()) / count,
+            cut_off=float((answered & clamped).sum()) / count,
+            out_of_range=float((answered & ~clamped & ~known).sum()) / count,
             beyond=float((known & ~within).sum()) / count,
             ground=ground,
             tolerance_m=None if rule is None else rule.calibration.tolerance_m,
@@ -276,9 +281,10 @@ class DepthNetwork:
                 f"{self.name} learned from frames {learned} measured depth inside the mask, and "
                 "was now given the other; expect larger errors"
             )
+        to = f"; its depth was interpolated to {camera.width}x{camera.height}"
         notes.append(
-            f"{self.title} checkpoint {self.name} ({self.trained}) ran at {width}x{height}; "
-            f"its depth was interpolated to {camera.width}x{camera.height}"
+            f"{self.title} checkpoint {self.name} ({self.trained}) ran at {width}x{height}"
+            + to * ((camera.width, camera.height) != self.size)
         )
         if self.name in SAMPLE_CHECKPOINTS:
             notes.append(
@@ -322,6 +328,7 @@ class DepthNetwork:
                 )
         shares = (
             (answer.no_answer, f"stay missing: {self.title} has no answer"),
+            (answer.cut_off, "stay missing: the answer ends at the edge of the voxel it chose"),
             (answer.out_of_range, f"stay missing: their depth would lie outside of {learned}"),
             (answer.beyond, f"have a depth outside of {learned}, and no probability"),
         )

@@ -37,11 +37,14 @@ class StandIn(nn.Module):
         self.depth = torch.from_numpy(image.copy())[None]
         self.confidence = torch.full_like(self.depth, confidence)
         self.restored = self.depth > 0 if restored is None else torch.from_numpy(restored)[None]
-        self.given = None
+        self.given = self.cut = None
 
     def forward(self, inputs) -> Images:
         self.given = inputs
-        return Images(self.depth, self.confidence, self.restored)
+        answer = Images(self.depth, self.confidence, self.restored)
+        if self.cut is not None:
+            answer.clamped = self.cut
+        return answer
 
 
 def network(model: nn.Module, **changes) -> DepthNetwork:
@@ -99,8 +102,11 @@ def test_beyond_the_learned_range_is_not_restored() -> None:
     held = ask(network(StandIn(answer), learned_range_m=(0.4, 1.2)), box())
     np.testing.assert_array_equal(held.restored, box() & (np.indices((60, 80))[1] >= 40))
     np.testing.assert_allclose(held.depth[held.restored], 0.7, rtol=1e-6)
-    assert held.out_of_range == 0.5
-    assert held.no_answer == 0
+    assert (held.no_answer, held.cut_off, held.out_of_range) == (0, 0, 0.5)
+    model = StandIn(answer)
+    model.cut = torch.from_numpy(answer < 1)[None]
+    cut = ask(network(model, kind="hadr", learned_range_m=(0.4, 1.2)), box())
+    assert (cut.no_answer, cut.cut_off, cut.out_of_range) == (0, 0.5, 0.5)
 
 
 @settings(max_examples=40)

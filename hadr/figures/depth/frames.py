@@ -130,8 +130,10 @@ def _histogram(ax: Axes, values: Array, color: str, upper: float) -> None:
         ax.text(0.5, 0.5, "not stored", transform=ax.transAxes, ha="center")
         return
     low, high = np.percentile(known, (0, upper))  # the last bar holds the rest
-    bins = np.linspace(low, high, 25).tolist()
-    ax.hist(np.clip(known, low, high), bins, color=color, alpha=0.85)
+    step = np.diff(np.unique(np.round(known, 9))).min(initial=np.inf)
+    coarse = (high - low) / step < 60  # stored in steps: a bar for each
+    bins = np.arange(low - step / 2, high + step, step) if coarse else np.linspace(low, high, 25)
+    ax.hist(np.clip(known, low, high), bins.tolist(), color=color, alpha=0.85)
     middle = float(np.median(known))
     ax.axvline(middle, color="black", lw=1.2, ls="--")
     ax.margins(y=0.15)

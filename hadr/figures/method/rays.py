@@ -236,7 +236,7 @@ def voxel_walk(direction: Tensor, occupied: OccupiedVoxels, grid: VoxelGrid) -> 
 def walk_picture(walk: VoxelWalk, probability: FloatArray, truth: float, place: int) -> Figure:
     """Draw one place of a walk: the ray from above, the cell's slabs, the candidates' shares."""
     figure: Figure = plt.figure(figsize=(9, 3.9), layout="none")  # all alike, and drawn faster
-    figure.subplots_adjust(0.085, 0.13, 0.885, 0.92, 0.32, 0.5)  # numbers stand at the right
+    figure.subplots_adjust(0.105, 0.13, 0.885, 0.92, 0.32, 0.5)  # numbers stand at the right
     panels = [["above", "slabs"], ["beside", "shares"]]
     axes: dict[str, Axes] = figure.subplot_mosaic(panels, width_ratios=(1.5, 1))
     _draw_view(axes["above"], walk, _ABOVE, truth, place)
