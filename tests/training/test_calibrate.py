@@ -88,7 +88,7 @@ def test_the_command_adds_to_the_record_and_leaves_the_weights(plus, tmp_path, c
     _, record = load_checkpoint(path)
     assert record["epochs"] == 7
     near, far = record["learned_range"]["depth_m"]
-    assert 0.2 < near < 0.6 < far < 1.5
+    assert 0.1 < near < 0.4 < far < 1
     ConfidenceRule.from_dict(record["confidence"])
     result = read_result_file(tmp_path / "measured.json")
     row = result.row(split="test", network="hadr-plus")
