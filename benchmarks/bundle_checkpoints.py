@@ -114,7 +114,7 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
         only = ["--corruption", "erased"] if camera else []
         command = ["calibrate", str(small), *map(str, data), "--out", str(result), *only]
         ground = ["calibrate", str(small), str(samples_dir() / "frames"), "--only-ground"]
-        for words in (command, ground)[: 1 if camera else 2]:
+        for words in [command] if camera else [command, ground]:
             if hadr(words) != 0:
                 raise SystemExit(f"hadr {' '.join(words)} failed")
     print(f"{name}: {small.stat().st_size / 1e6:.1f} MB", flush=True)

@@ -131,7 +131,7 @@ def _histogram(ax: Axes, values: Array, color: str, upper: float) -> None:
         return
     low, high = np.percentile(known, (0, upper))  # the last bar holds the rest
     step = np.diff(np.unique(np.round(known, 9))).min(initial=np.inf)
-    coarse = (high - low) / step < 60  # stored in steps: a bar for each
+    coarse = 0 < (high - low) / step < 60  # stored in steps: a bar for each
     bins = np.arange(low - step / 2, high + step, step) if coarse else np.linspace(low, high, 25)
     ax.hist(np.clip(known, low, high), bins.tolist(), color=color, alpha=0.85)
     middle = float(np.median(known))

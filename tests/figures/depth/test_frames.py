@@ -1,5 +1,7 @@
 """Pictures of frames: what stands where, and in which colours."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -97,6 +99,10 @@ def test_histograms_count_every_frame_and_tell_the_median():
                             world_error_m=np.full(50, np.nan))  # fmt: skip
     fig = draw_statistics(empty)
     assert [ax.texts[0].get_text() for ax in fig.axes[3:]] == ["not stored"] * 3
+    for values, bars in ((np.full(50, 0.001), 24), (np.arange(50) % 5 * 0.0001, 5)):
+        same = replace(table, hand_error_m=values)  # all alike, or stored in steps
+        tall = [bar.get_height() for bar in draw_statistics(same).axes[5].patches]
+        assert (sum(tall), len(tall)) == (50, bars)
 
 
 def test_angles_stand_beside_what_is_allowed():
