@@ -17,10 +17,9 @@
         hadr-handover hadr-plus-handover hand-keypoints-handover segmentation-imagenet
 
 NEAR is what `hadr generate --preset mini --no-sensor --frames 3000` makes. The last epoch's weights
-are taken, which was fixed beforehand, and stored as 8-bit integers; those of the handover as 16-bit
-floats, as the handover's tables were made with. Depth networks are calibrated on validation frames;
-what that measured goes to results/confidence. What NEAR's frames are like is then replaced by what
-the samples are like, which have a sensor's depth, too.
+are taken, which was fixed beforehand, and stored as 8-bit integers. Depth networks are calibrated
+on validation frames; what that measured goes to results/confidence. What NEAR's frames are like is
+then replaced by what the samples are like, which have a sensor's depth, too.
 """
 
 import argparse
@@ -65,7 +64,7 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
     source, experiment = SOURCES[name]
     small = folder / f"{name}.safetensors"
     camera = source.startswith("handover/")
-    stored: Stored = "float16" if camera else "int8"
+    stored: Stored = "int8"
     strip_checkpoint(made / source / "last.safetensors", small, stored)
     model, record = load_checkpoint(small)
     depth, keypoints = DEPTHS[camera]

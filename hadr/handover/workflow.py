@@ -122,8 +122,6 @@ class Handover:
             self._stop(str(halt), back=halt.back)
         except UnreachableError as error:
             self._stop(f"out of reach: {error}")
-        except (ValueError, np.linalg.LinAlgError) as error:
-            self._stop(str(error))
 
     def _tick(self, time: float, dt: float) -> str:
         """Move the clock on; say where the observations' clock jumped."""
@@ -247,7 +245,10 @@ class Handover:
         follows = c.tracking and (c.final_tracking or self.stage is Stage.APPROACH_AND_REACT)
         if not (new and follows):
             return True
-        self.motion = hand_motion(self._chosen_hand, watch.keypoints, about=c.about)
+        try:
+            self.motion = hand_motion(self._chosen_hand, watch.keypoints, about=c.about)
+        except ValueError as error:  # of a hand, as seen, that says nothing of a turn
+            raise HaltError(str(error)) from error
         if self.motion.residual > c.safety.largest_residual:
             off = f"keypoints {1000 * self.motion.residual:.0f} mm from a rigid motion"
             if self.stage is Stage.GRASP_AND_RETRIEVE:

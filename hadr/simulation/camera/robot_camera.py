@@ -96,7 +96,8 @@ class RobotCamera:
     ) -> CapturedFrame:
         """Take a picture; `rng` draws the sensors' noise, colour takes most of the time."""
         arm = self._arm_in_view(state)
-        view = self._view(scene).at(state.base_from_wrist, state.base_from_object, arm)
+        view = self._view(scene.opened(state.opened))
+        view = view.at(state.base_from_wrist, state.base_from_object, arm)
         labels = view.seen(self.intrinsics, self.base_from_camera)
         picture = None
         if color:
@@ -112,7 +113,8 @@ class RobotCamera:
         """The hand's keypoints in the camera frame, metres, shape (21, 3)."""
         moved = state.base_from_wrist @ np.linalg.inv(scene.base_from_wrist)
         camera_from_start = np.linalg.inv(self.base_from_camera) @ moved
-        points: Array = transform_points(camera_from_start, scene.keypoints)
+        hand = scene.opened(state.opened).keypoints
+        points: Array = transform_points(camera_from_start, hand)
         return points
 
     def visible(self, points: Array, state: WorldState) -> Mask:
@@ -132,7 +134,8 @@ class RobotCamera:
 
     def behind_hand_or_glass(self, points: Array, state: WorldState, scene: HeldScene) -> Mask:
         """Which points (n, 3) of the hand, camera frame, metres, skin or glass hides, (n,)."""
-        view = self._view(scene).at(state.base_from_wrist, state.base_from_object, [])
+        view = self._view(scene.opened(state.opened))
+        view = view.at(state.base_from_wrist, state.base_from_object, [])
         rays = points @ self.base_from_camera[:3, :3].T
         eyes = np.broadcast_to(self.base_from_camera[:3, 3], rays.shape)
         behind = 1.0 - view.first(eyes, rays).distance

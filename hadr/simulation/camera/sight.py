@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
@@ -95,8 +96,8 @@ class Sight:
         )
         self._noise: tuple[float, Array] | None = None
         self._steady = HandFilter()
-        self.points_right = float("nan")
-        """Share of the last object points within `RIGHT_M` of the true depth along their rays."""
+        self.right: npt.NDArray[np.bool_] | None = None
+        """Which of the last object points are within `RIGHT_M` of the true depth on their rays."""
 
     def look(self, state: WorldState, with_points: bool) -> Observation:
         """What is seen of the world, camera frame; points of object and surroundings cost most."""
@@ -121,7 +122,7 @@ class Sight:
             return replace(found, scene_points=scene)
         depth, confidence = object_depth(self.source, frame, mask, keypoints)
         points = object_points(depth, mask, frame.camera, self._mask_rng)
-        self.points_right = float("nan") if points is None else _share_right(points, frame)
+        self.right = None if points is None else _right(points, frame)
         return replace(found, object_points=points, scene_points=scene, confidence=confidence)
 
     def _seen_keypoints(self, state: WorldState) -> Array | None:
@@ -237,10 +238,11 @@ def scene_points(frame: CapturedFrame, mask: Mask, keypoints: Array | None) -> A
     return thinned
 
 
-def _share_right(points: Array, frame: CapturedFrame) -> float:
-    """Share of points (n, 3), camera frame, within `RIGHT_M` of what the picture truly shows."""
+def _right(points: Array, frame: CapturedFrame) -> npt.NDArray[np.bool_]:
+    """Which points (n, 3), camera frame, are within `RIGHT_M` of what the picture truly shows."""
     u, v = np.rint(project(points, frame.camera)).astype(int).T
-    return float((np.abs(points[:, 2] - frame.depth[v, u]) < RIGHT_M).mean())
+    near: npt.NDArray[np.bool_] = np.abs(points[:, 2] - frame.depth[v, u]) < RIGHT_M
+    return near
 
 
 def bundled_file(name: str) -> Path:

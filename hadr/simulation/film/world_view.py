@@ -76,6 +76,7 @@ class FilmSet:
 
     def __init__(self, scene: HeldScene, view: View | None = None) -> None:
         self.view = view or side_view()
+        self._scene = self._shown = scene
         self._hand = scene.hand(step=_HAND_STEP)
         self._sleeve = sleeve(self._hand.surface)
         self._glass = scene.glass()
@@ -133,6 +134,9 @@ class FilmSet:
     def _pieces(self, state: WorldState) -> list[Piece]:
         """Arm, hand and sleeve where they are."""
         parts = arm_surfaces(state.joints, state.gripper_width)
+        shown = self._scene.opened(state.opened)
+        if shown is not self._shown:
+            self._shown, self._hand = shown, shown.hand(step=_HAND_STEP)
         cuff, blue, _ = self._sleeve
         pieces: list[Piece] = [(surface, np.array([color]), ARM) for surface, color in parts]
         hand = self._hand.surface.moved(state.base_from_wrist)

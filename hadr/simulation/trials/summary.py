@@ -23,6 +23,8 @@ INCIDENTS: dict[str, str] = {
     "object dropped or lost": "the glass slipped out of the fingers",
 }
 """What a stop's reason says, and how that is called when attempts are summed up."""
+BELIEVED = ("points_right", "points_right_at_grasp", "grasp_off")
+"""What the robot's belief was worth when it chose the last grasp, see `Outcome`."""
 _LATE = 3.0
 
 
@@ -50,7 +52,8 @@ def incidents(row: dict[str, Any]) -> set[str]:
     """What happened in an attempt, by its row: words of `INCIDENTS`; "never stopped" with no stop.
 
     A stop that none of them tells of is "stopped for another reason". Besides, "no grasp for 3 s"
-    where none was chosen in that time, and "went in again beside" where a finger met the object.
+    where none was chosen in that time, "went in again beside" where a finger met the object, and
+    "the glass was torn out of the hand".
     """
     stops = [why for _, _, after, why in row["transitions"] if after == Stage.STOPPED.value]
     found = {
@@ -63,6 +66,8 @@ def incidents(row: dict[str, Any]) -> set[str]:
         found.add("no grasp for 3 s")
     if row["corrections"]:
         found.add("went in again beside")
+    if row["torn"]:
+        found.add("the glass was torn out of the hand")
     return found
 
 
@@ -74,9 +79,8 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
         and 1.0 as in the paper's table, successes and attempts by the hand's motion, failures by
         kind, time-outs by the stage in which they came, for each of the `incidents` the successes
         and attempts in which it happened, mean times in seconds, the smallest distance to the hand
-        in metres, the largest force on it in newtons, also by way and stage, the mean share of the
-        object's points that were right to 2 cm in successes and in failures, and each attempt's
-        verdict.
+        in metres, the largest force on it in newtons, also by way and stage, the means of
+        `BELIEVED` in successes and in failures, and each attempt's verdict.
 
     Raises:
         ValueError: There is no outcome, or an attempt is there twice.
@@ -111,10 +115,7 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
         "smallest_hand_distance_m": min(row["smallest_distance"] for row in outcomes),
         "largest_force_n": max(row["largest_force"] for row in outcomes),
         "largest_forces_n": {n: max(row["forces"].get(n, 0.0) for row in outcomes) for n in forces},
-        "points_right": {
-            "success": mean("points_right", succeeded),
-            "failure": mean("points_right", failed),
-        },
+        **{n: {"success": mean(n, succeeded), "failure": mean(n, failed)} for n in BELIEVED},
         "verdicts": verdicts(outcomes),
     }
 
@@ -156,11 +157,12 @@ def pooled(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
             out[name] = mean(pair, won)
         elif name.startswith("mean_"):
             out[name] = mean(pair, tried)
-    of = (first["points_right"], second["points_right"])
-    out["points_right"] = {
-        "success": mean([row["success"] for row in of], won),
-        "failure": mean([row["failure"] for row in of], tried - won),
-    }
+    for name in BELIEVED:
+        of = (first[name], second[name])
+        out[name] = {
+            "success": mean([row["success"] for row in of], won),
+            "failure": mean([row["failure"] for row in of], tried - won),
+        }
     out["smallest_hand_distance_m"] = min(
         row["smallest_hand_distance_m"] for row in (first, second)
     )

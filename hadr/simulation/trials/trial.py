@@ -10,16 +10,22 @@ from __future__ import annotations
 import time as clock
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from itertools import combinations
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+import numpy.typing as npt
 
+from hadr.camera import transform_points
+from hadr.handover.grasping.grasps import forward_of
+from hadr.handover.grasping.gripper import FINGER_LENGTH
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.logs.run_log import RecordedHandover, RunLog
+from hadr.handover.observation import Observation
+from hadr.handover.poses import Array
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage, Transition
@@ -41,6 +47,7 @@ from hadr.simulation.camera.sight import (
 from hadr.simulation.robot.motion_limits import MotionConfig
 from hadr.simulation.world.hand_motions import motion_for
 from hadr.simulation.world.judge import Judge, Verdict
+from hadr.simulation.world.object_parts import distance_outside
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
@@ -70,10 +77,14 @@ PLANNING_TIME = 0.16
 the measured mean of 27 searches with perfect depth, in processor time on one busy core, in ten
 scenes of which none is the experiment's; but a constant, so that an attempt ends in the same way on
 every machine."""
+AT_GRASP = 0.03
+"""Points of the object this near to the place between the fingers, metres, are those at a grasp."""
 AFTER_TOUCH = 1.0
 """So long goes an attempt on after the robot has touched the hand, to tell the force, seconds."""
 CONTROL_STEP = 0.02
 """Seconds between two steps of the workflow."""
+SLOWEST_PICTURES = 0.1
+"""With fewer pictures a second an attempt would be over before the second one."""
 LARGEST_LATENCY = 2.0
 """Later than this, seconds, no picture is answered."""
 
@@ -111,7 +122,7 @@ class Trial:
         extrinsics_error_deg: The camera stands turned by this angle from what its calibration says.
         time_limit: Seconds until the attempt has failed.
         restless: What moves never comes to rest; else it dies down over two seconds.
-        picture_rate: Pictures a second, at most 50: each is taken at the first step of the workflow
+        picture_rate: Pictures a second, 0.1 to 50: each is taken at the first step of the workflow
             at which it is due.
         latency: Seconds from a picture to what is seen in it, in whole steps of 0.02 s.
         turn_degrees: Every hand turns, by at most this angle to each side; unset: six kinds of
@@ -132,7 +143,10 @@ class Trial:
 
     def __post_init__(self) -> None:
         glass_object(self.object_id)  # says which there are
-        often = 0 < self.picture_rate <= 1 / CONTROL_STEP
+        for item in fields(self):  # 60 and 60.0 are one attempt
+            if "float" in str(item.type) and isinstance(value := getattr(self, item.name), int):
+                object.__setattr__(self, item.name, float(value))
+        often = SLOWEST_PICTURES <= self.picture_rate <= 1 / CONTROL_STEP
         steps = self.latency / CONTROL_STEP
         in_steps = 0 <= self.latency <= LARGEST_LATENCY and abs(steps - round(steps)) < 1e-9
         turns = self.turn_degrees is None or 0 < self.turn_degrees <= 90
@@ -143,7 +157,7 @@ class Trial:
             ("hand_speed", 0 < self.hand_speed < np.inf, "be a factor above 0"),
             ("extrinsics_error_deg", 0 <= self.extrinsics_error_deg <= 90, "lie in 0..90"),
             ("time_limit", 0 < self.time_limit < np.inf, "be seconds above 0"),
-            ("picture_rate", often, "be pictures a second, above 0 and at most 50"),
+            ("picture_rate", often, f"be pictures a second, {SLOWEST_PICTURES:g} to 50"),
             ("latency", in_steps, f"lie in 0..{LARGEST_LATENCY:g}, a multiple of {CONTROL_STEP}"),
             ("turn_degrees", turns, "be above 0 and at most 90"),
         ):
@@ -216,6 +230,10 @@ class Outcome:
             "through the glass, Grasp & Retrieve", up to the same time.
         points_right: Share of the object's points that lie within 2 cm of its true surface, along
             their rays, when the last grasp was chosen; NaN without one.
+        points_right_at_grasp: The same of those within `AT_GRASP` of the middle between the fingers
+            at the end of the way in; NaN without any.
+        grasp_off: How far that place was from the object, as `distance_outside`.
+        torn: Whether the object was torn out of the hand, which had not let go.
     """
 
     verdict: Verdict
@@ -232,6 +250,9 @@ class Outcome:
     corrections: int
     forces: dict[str, float]
     points_right: float
+    points_right_at_grasp: float
+    grasp_off: float
+    torn: bool
 
 
 @dataclass(frozen=True)
@@ -301,9 +322,8 @@ def run_trial(
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height, trial.time_limit)
     states = [world.state()]
-    observation, shown_right = look(states[0], True), sight.points_right
-    arriving = deque([(0, observation, shown_right)])
-    points_right = float("nan")
+    shown = _Shown(look(states[0], True), sight.right, states[0].base_from_object)
+    arriving, believed = deque([(0, shown)]), (float("nan"),) * 3
     step = ready = 0
     forces: dict[str, float] = {}
     while not judge.verdict or (
@@ -311,16 +331,17 @@ def run_trial(
     ):
         if trial.pictures_by(step) > trial.pictures_by(step - 1):  # the first is there already
             seen = look(states[-1], handover.stage is Stage.WAIT_AND_OBSERVE)
-            arriving.append((step + round(trial.latency / CONTROL_STEP), seen, sight.points_right))
+            new = _Shown(seen, sight.right, states[-1].base_from_object)
+            arriving.append((step + round(trial.latency / CONTROL_STEP), new))
         while arriving and arriving[0][0] <= step:
-            _, observation, shown_right = arriving.popleft()
+            _, shown = arriving.popleft()
         if step >= ready:
             searched, before = len(searches), len(handover.transitions)
-            handover.step(replace(observation, time=world.time), CONTROL_STEP)
+            handover.step(replace(shown.observation, time=world.time), CONTROL_STEP)
             if len(searches) > searched:
                 ready = step + 1 + round(PLANNING_TIME / CONTROL_STEP)
             if any(t.after is Stage.APPROACH_AND_REACT for t in handover.transitions[before:]):
-                points_right = shown_right
+                believed = _believed(handover, shown, scene)
         world.step(CONTROL_STEP)
         state = world.state()
         states.append(state)
@@ -349,11 +370,37 @@ def run_trial(
         wall_seconds=clock.perf_counter() - started,
         corrections=handover.advance.all_corrections,
         forces=forces,
-        points_right=points_right,
+        points_right=believed[0],
+        points_right_at_grasp=believed[1],
+        grasp_off=believed[2],
+        torn=world.torn,
     )
     return Run(
         trial, scene, outcome, tuple(states[::2]), tuple(handover.transitions), handover.log()
     )
+
+
+class _Shown(NamedTuple):
+    """What was seen in a picture, which of its points are right, the object's true pose then."""
+
+    observation: Observation
+    right: npt.NDArray[np.bool_] | None
+    base_from_object: Array
+
+
+def _believed(handover: Handover, shown: _Shown, scene: HeldScene) -> tuple[float, float, float]:
+    """What the chosen grasp goes by: right points, those at the grasp, its way from the object."""
+    assert handover.grasp is not None
+    points, right = shown.observation.object_points, shown.right
+    end = handover.config.way.forward - FINGER_LENGTH / 2  # the tool point is at the fingers' tips
+    place = forward_of(handover.grasp.pose, end)[:3, 3]
+    in_object = np.linalg.inv(shown.base_from_object) @ [*place, 1.0]
+    off = distance_outside(scene.item, in_object[:3])
+    if points is None or right is None:
+        return float("nan"), float("nan"), off
+    away = np.linalg.norm(transform_points(handover.base_from_camera, points) - place, axis=1)
+    near = right[away <= AT_GRASP]
+    return float(right.mean()), float(near.mean()) if len(near) else float("nan"), off
 
 
 def _reason(verdict: Verdict, handover: Handover) -> str:

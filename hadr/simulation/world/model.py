@@ -1,7 +1,8 @@
 """The world of one attempt as a MuJoCo model: arm, table, floor, the human's hand, the object.
 
-The hand is one rigid body of capsules with skin that gives way. It never touches the object: it
-holds it by a weld that can be switched off. Robot, object and table collide; robot and hand too.
+The hand is one body of capsules with skin that gives way. It holds the object by a weld that can be
+switched off; only then its fingers open and it collides with the object
+(`hadr.simulation.world.letting_go`). Robot, object and table collide, and robot and hand.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from hadr.hand import BONES, keypoints_from_skeleton
+from hadr.hand import BONES, FINGERS, keypoints_from_skeleton
 from hadr.handover.grasping.collision import FOREARM_LENGTH, FOREARM_RADIUS, PALM_LINES
 from hadr.handover.poses import Array
 from hadr.simulation.robot.arm_model import GROUND, HAND, OBJECT, ROBOT, add_arm, add_table
@@ -29,13 +30,18 @@ _KNUCKLES = (0, 1, 5, 9, 13, 17)
 
 
 def world_model(scene: HeldScene) -> mujoco.MjModel:
-    """Compile a scene's world: free bodies `hand` and `object`, the weld `grip` between them."""
+    """Compile a scene's world: free bodies `hand` and `object`, the weld `grip` between them.
+
+    The weld's forces and torques are about the middle of the fingertips.
+    """
     spec = mujoco.MjSpec()
     spec.option.timestep = TIMESTEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
     spec.option.noslip_iterations = 4
+    # the search among a body's shapes goes by where they were compiled, but fingers open
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     add_arm(spec)
     add_table(spec)
     spec.worldbody.add_geom(
@@ -48,13 +54,18 @@ def world_model(scene: HeldScene) -> mujoco.MjModel:
     )
     _add_hand(spec, scene)
     _add_object(spec, scene)
+    wrist_from_object = scene.hold.wrist_from_object
+    object_from_wrist = np.linalg.inv(wrist_from_object)[:3]
+    fingers = keypoints_from_skeleton(scene.skeleton.joints)
+    tips = np.array([*fingers[[joints[-1] for joints in FINGERS.values()]].mean(axis=0), 1.0])
     spec.add_equality(
         name="grip",
         type=mujoco.mjtEq.mjEQ_WELD,
         objtype=mujoco.mjtObj.mjOBJ_BODY,
         name1="hand",
         name2="object",
-        data=[0, 0, 0, *_pose_numbers(scene.hold.wrist_from_object), 1.0, 0],
+        # one point in the object's frame, in the hand's, and how the one is turned in the other
+        data=[*object_from_wrist @ tips, *tips[:3], *_pose_numbers(wrist_from_object)[3:], 1.0, 0],
         solref=[0.01, 1.0],
     )
     return spec.compile()

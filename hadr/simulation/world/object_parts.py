@@ -57,6 +57,22 @@ def outside(item: GlassObject) -> Array:
     return np.array([[item.outer_radius(float(h)), h] for h in z])
 
 
+def distance_outside(item: GlassObject, point: Array) -> float:
+    """How far a point (3,), object frame, is from body and handle, metres; 0 within their outline.
+
+    The body's hollow counts as within it.
+    """
+    curve, r, z = outside(item), float(np.hypot(*point[:2])), float(point[2])
+    foot = np.c_[np.linspace(0, curve[0, 0], 20), np.full(20, curve[0, 1])]
+    away = float(np.linalg.norm(np.concatenate([foot, curve]) - [r, z], axis=1).min())
+    if curve[0, 1] <= z <= curve[-1, 1] and r <= np.interp(z, curve[:, 1], curve[:, 0]):
+        return 0.0
+    line, thickness, _ = handle_sections(item)
+    if len(line):
+        away = min(away, float((np.linalg.norm(line - point, axis=1) - thickness).min()))
+    return max(0.0, away)
+
+
 def _upper_hull(points: Array) -> list[int]:
     """Indices of the corners of the smallest concave curve over points (z rising, r)."""
     hull: list[int] = []

@@ -1,8 +1,8 @@
 """The physical world of one handover: arm, hand and object under gravity, step by step.
 
 The hand follows its path like a hand on a spring, so that a push moves it instead of crushing it.
-It holds the object until both fingers have pressed on it for a tenth of a second; then it lets go
-and draws back along its forearm.
+It holds the object until both fingers have pressed on it for a tenth of a second, or until the hold
+is torn; then it opens and draws back (`hadr.simulation.world.letting_go`) and pushes what it meets.
 """
 
 from __future__ import annotations
@@ -19,6 +19,12 @@ from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.simulation.robot.arm_model import GRIPPER_GEOMS, HAND, OBJECT, ROBOT
 from hadr.simulation.robot.motion_limits import MotionConfig
 from hadr.simulation.robot.physical_arm import PhysicalUR5
+from hadr.simulation.world.letting_go import (
+    WITHDRAW_DISTANCE,
+    pose_hand,
+    touch_object,
+    way_off,
+)
 from hadr.simulation.world.model import HAND_INERTIA, HAND_MASS, world_model
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import Holder, WorldState
@@ -34,8 +40,12 @@ HAND_STRENGTH, HAND_TORQUE = 12.0, 1.5
 """A hand that is pushed or twisted harder gives way, newtons and N m."""
 RELEASE_AFTER, RELEASE_FORCE = 0.1, 0.5
 """The hand lets go once both fingers have pressed for so long, seconds, by so much, newtons."""
-WITHDRAW_SPEED, WITHDRAW_DISTANCE = 0.05, 0.15
-"""How fast the hand draws back after it has let go, m/s, and how far, metres."""
+OPENS_IN = 0.3
+"""So long, seconds, the fingers take to stretch after the hand has let go."""
+WITHDRAW_SPEED = 0.05
+"""How fast the hand draws back after it has opened, m/s."""
+HOLD_FORCE, HOLD_TORQUE = 10.0, 0.7
+"""A hold that has to bear more, newtons and N m about the middle of the fingertips, is torn."""
 
 
 class _Course:
@@ -120,6 +130,7 @@ class World:
         model, data = self._model, self._data
         self._hand, self._object = model.body("hand").id, model.body("object").id
         self._grip = model.equality("grip").id
+        self._torn, self._opened, self._opens_to = False, np.zeros(5), np.zeros(5)
         self._kinds = model.geom_contype.copy()
         self._finger = np.full(model.ngeom, -1)
         for index, name in enumerate(GRIPPER_GEOMS[:2]):
@@ -134,11 +145,15 @@ class World:
         self._pressed = np.full(2, -np.inf)
         self._pressing_since: float | None = None
         self._released_at: float | None = None
-        self._forearm = np.zeros(3)
+        self._way_off = np.zeros(3)
         self._largest_force = self._largest_through = self._halted_at = 0.0
         self._velocity = np.zeros(6)
         self._course = _Course(0.0, self._hand_target(0.0), self._hand_target(_KNOT))
         mujoco.mj_forward(model, data)
+        of_grip = (data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY) & (
+            data.efc_id == self._grip
+        )
+        self._grip_rows = np.flatnonzero(of_grip)  # equalities come first and never change
 
     @property
     def time(self) -> float:
@@ -178,12 +193,18 @@ class World:
             hand_force=self._largest_force,
             through_force=self._largest_through,
             hand_distance=self._hand_distance(),
+            opened=self._opened,
         )
+
+    @property
+    def torn(self) -> bool:
+        """Whether the object was torn out of the hand."""
+        return self._torn
 
     def keypoints(self) -> Array:
         """The hand where it truly is, shape (21, 3), metres, base frame."""
         moved = self._pose(self._hand) @ np.linalg.inv(self._rest)
-        points: Array = transform_points(moved, self.scene.keypoints)
+        points: Array = transform_points(moved, self.scene.opened(self._opened).keypoints)
         return points
 
     def holder(self) -> Holder:
@@ -204,8 +225,9 @@ class World:
         moved = np.eye(4) if self._path is None else self._path(time)
         target: Array = moved @ self._rest
         if self._released_at is not None:
-            back = min(WITHDRAW_DISTANCE, WITHDRAW_SPEED * (time - self._released_at))
-            target[:3, 3] += back * self._forearm
+            since = max(0.0, time - self._released_at - OPENS_IN)
+            back = min(WITHDRAW_DISTANCE, WITHDRAW_SPEED * since)
+            target[:3, 3] += back * self._way_off
         return target
 
     def _move_hand(self) -> None:
@@ -213,6 +235,7 @@ class World:
         now, body, data = self.time, self._hand, self._data
         if now >= self._course.start + _KNOT - 1e-9:
             self._course = _Course(now, self._course.end, self._hand_target(now + _KNOT))
+            self._open()
         course, rotation = self._course, data.xmat[body].reshape(3, 3)
         elapsed = now - course.start
         mujoco.mj_objectVelocity(
@@ -237,6 +260,21 @@ class World:
         data.xfrc_applied[body, :3] = force
         data.xfrc_applied[body, 3:] = torque
 
+    def _open(self) -> None:
+        """Stretch the fingers of a hand that has let go."""
+        if self._released_at is None or (self._opened >= self._opens_to).all():
+            return
+        part = min(1.0, (self.time - self._released_at) / OPENS_IN)
+        self._opened = np.round(part * self._opens_to, 1)
+        pose_hand(self._model, self.scene.opened(self._opened))
+
+    def _let_go(self) -> None:
+        self._released_at = self.time
+        self._data.eq_active[self._grip] = 0
+        touch_object(self._model, self._data)
+        around = self._model, self._data, self.scene, self._near
+        self._opens_to, self._way_off = way_off(*around)
+
     def _release_protective_stop(self) -> None:
         """Play the person who looks at a stopped arm and releases it as soon as that is allowed."""
         if not self.robot.protective_stop:
@@ -247,13 +285,17 @@ class World:
     def _look_at_contacts(self) -> None:
         """Sum up the forces on the hand, note who presses on the object, and let go in time."""
         on_hand, on_links, on_object, on_gripper = 0.0, 0.0, np.zeros(2), np.zeros(6)
-        wrench, pads, through = np.zeros(6), np.zeros(2), np.zeros(3)
+        wrench, pads, through, of_object = np.zeros(6), np.zeros(2), np.zeros(3), np.zeros(3)
         pairs = self._data.contact.geom if self._data.ncon else ()
         for index, (first, second) in enumerate(pairs):
             kinds = self._kinds[first] | self._kinds[second]
-            if kinds not in (ROBOT | HAND, ROBOT | OBJECT):
+            if kinds not in (ROBOT | HAND, ROBOT | OBJECT, HAND | OBJECT):
                 continue
             mujoco.mj_contactForce(self._model, self._data, index, wrench)
+            if kinds == HAND | OBJECT:
+                sign = 1 if self._kinds[second] == HAND else -1
+                of_object += sign * (self._data.contact.frame[index].reshape(3, 3).T @ wrench[:3])
+                continue
             force, felt = float(np.linalg.norm(wrench[:3])), np.zeros(6)
             if self._gripper[first] or self._gripper[second]:
                 felt = self._on_gripper(index, first, second, wrench)
@@ -273,17 +315,27 @@ class World:
         self.robot.touched(on_gripper, float(pads.min()), on_links, self._model.opt.timestep)
         pressing = on_object > RELEASE_FORCE
         self._pressed[pressing] = self.time
-        if self._released_at is not None:
+        held = self._released_at is None
+        through_hand = float(np.linalg.norm(through if held else of_object))
+        self._largest_through = max(self._largest_through, through_hand)
+        if not held:
             return
-        self._largest_through = max(self._largest_through, float(np.linalg.norm(through)))
-        if not pressing.all():
+        pull, twist = self._hold_bears()
+        self._torn = pull > HOLD_FORCE or twist > HOLD_TORQUE
+        if self._torn:
+            self._let_go()
+        elif not pressing.all():
             self._pressing_since = None
         elif self._pressing_since is None:
             self._pressing_since = self.time
         elif self.time - self._pressing_since >= RELEASE_AFTER - 1e-9:
-            self._released_at = self.time
-            self._data.eq_active[self._grip] = 0
-            self._forearm = -self._data.xmat[self._hand].reshape(3, 3)[:, 1]
+            self._let_go()
+
+    def _hold_bears(self) -> tuple[float, float]:
+        """Force and torque that the hold bears, newtons and N m about the fingertips' middle."""
+        rows = self._data.efc_force[self._grip_rows]
+        # a weld's last rows are of half the angle
+        return float(np.linalg.norm(rows[:3])), float(np.linalg.norm(rows[3:])) / 2
 
     def _on_gripper(self, index: int, first: int, second: int, wrench: Array) -> Array:
         """Force and torque about the tool point of a contact of the gripper, shape (6,)."""

@@ -6,14 +6,14 @@ forearm comes from +x; the glass is upright but for a lean of some degrees, as p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import transform_points
-from hadr.hand import Skeleton, forward_kinematics, keypoints_from_skeleton
+from hadr.hand import ANGLE_NAMES, FINGERS, Skeleton, forward_kinematics, keypoints_from_skeleton
 from hadr.handover.poses import Array
 from hadr.records.caches import read_only
 from hadr.synthesis.glass.objects import bodies, glass_object
@@ -26,6 +26,9 @@ TABLE_NEAR, TABLE_FAR, FLOOR = -0.40, 0.42, -0.75
 """Edges of the robot's table along x, whose top lies at z = 0, and the floor's height, metres."""
 MIDDLE: Array = np.array([0.62, 0.0, 0.32])
 """Where the middle of the object is held out, metres; each scene differs by some centimetres."""
+_STRETCHES = np.array(["stretch" in name for name in ANGLE_NAMES])
+OPENING_STEPS = 10
+"""A finger that opens is in one of so many places after that in which it holds."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,21 @@ class HeldScene:
         in_wrist = keypoints_from_skeleton(self.skeleton.joints)
         points: Array = transform_points(self.base_from_wrist, in_wrist)
         return read_only(points)
+
+    def opened(self, shares: Array) -> HeldScene:
+        """The same with each finger stretched by a share, (5,) in tenths: 0 as held, 1 straight."""
+        steps = np.rint(OPENING_STEPS * np.asarray(shares)).astype(int)
+        return self._opened.setdefault(tuple(steps.tolist()), self._stretched(steps))
+
+    @cached_property
+    def _opened(self) -> dict[tuple[int, ...], HeldScene]:
+        return {(0,) * len(FINGERS): self}
+
+    def _stretched(self, steps: Array) -> HeldScene:
+        held = self.hold.angles
+        share = np.repeat(steps, len(held) // len(FINGERS)) / OPENING_STEPS
+        angles = np.where(_STRETCHES, held - share * np.maximum(held, 0.0), held)
+        return replace(self, hold=replace(self.hold, angles=angles))
 
     def hand(self, step: float = 0.005) -> HandMesh:
         """The hand with its forearm in the wrist frame, vertices at most a step apart, metres."""

@@ -31,10 +31,11 @@ class WorldState:
         base_from_wrist: Pose of the hand, shape (4, 4).
         base_from_object: Pose of the object, shape (4, 4).
         hand_force: Largest force of the robot on the hand in the world's last step, newtons.
-        through_force: Largest force of the gripper on the object while the hand held it, in that
-            step, newtons: the hand feels it through the object, but for the glass's own inertia.
-            Files do not have it.
+        through_force: Largest force on the hand through the object in that step, newtons: the
+            gripper's on the object as long as the hand holds it (less the glass's own inertia is
+            what the hand feels), then the object's on the hand.
         hand_distance: Smallest distance of robot and hand now; 0 where they touch.
+        opened: How far each finger has opened, shape (5,): 0 as it held the object, 1 straight.
     """
 
     time: float
@@ -46,16 +47,18 @@ class WorldState:
     hand_force: float
     hand_distance: float
     through_force: float = field(default=0.0, kw_only=True)
+    opened: Array = field(default_factory=lambda: np.zeros(5), kw_only=True)
 
 
-_VERSION = 1
+_VERSION = 2
 _HOLDERS: tuple[Holder, ...] = get_args(Holder)
 _SCHEMA = {
     "time": "f4 states", "joints": "f4 states 6", "gripper_width": "f4 states",
     "base_from_wrist": "f4 states 4 4", "base_from_object": "f4 states 4 4",
-    "hand_force": "f4 states", "hand_distance": "f4 states", "holder": "u1 states", "version": "i8",
+    "hand_force": "f4 states", "through_force": "f4 states", "hand_distance": "f4 states",
+    "opened": "f4 states 5", "holder": "u1 states", "version": "i8",
 }  # fmt: skip
-_NUMBERS = [f.name for f in fields(WorldState) if f.name not in ("holder", "through_force")]
+_NUMBERS = [f.name for f in fields(WorldState) if f.name != "holder"]
 
 
 def save_states(path: Path, states: Sequence[WorldState]) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from hadr.handover.guarded_arm import too_near
 from hadr.handover.safety import SafetyConfig, withdrawal
-from hadr.simulation.trials.summary import condition_row, pooled
+from hadr.simulation.trials.summary import BELIEVED, condition_row, pooled
 
 HOLDS = count()
 
@@ -23,6 +23,7 @@ def outcome(object_id: str, verdict: str, **values: Any) -> dict[str, Any]:
         "decided_at": 6.0,
         "first_grasp_at": 1.0,
         "corrections": 0,
+        "torn": False,
         "planning_wall_seconds": 0.1,
         "wall_seconds": 4.0,
         "smallest_distance": 0.04,
@@ -86,7 +87,7 @@ def test_a_row_says_what_happened_and_what_became_of_it() -> None:
     outcomes = [
         outcome("0000", "success"),
         outcome("0000", "success", transitions=stopped(away, near), corrections=2),
-        outcome("0000", "drop", transitions=stopped(near, near)),
+        outcome("0000", "drop", transitions=stopped(near, near), torn=True),
         outcome("0000", "time-out", first_grasp_at=None),
         outcome("0000", "time-out", first_grasp_at=3.1, transitions=stopped("no hand seen")),
         outcome("0000", "time-out", transitions=[[1.0, "Stopped", "Wait & Observe", near]]),
@@ -98,25 +99,36 @@ def test_a_row_says_what_happened_and_what_became_of_it() -> None:
         "the hand was in the way": [1, 2],
         "the hand withdrew": [1, 1],
         "went in again beside": [1, 1],
+        "the glass was torn out of the hand": [0, 1],
     }
 
 
 def test_pooled_rows_are_those_of_all_attempts_together() -> None:
     outcomes = [
-        outcome("0000", "success", decided_at=5.0, smallest_distance=0.02, points_right=0.5),
-        outcome("0000", "drop", largest_force=2.0, points_right=0.25, motion="turn"),
-        outcome("0001", "success", decided_at=8.0, points_right=1.0, corrections=1),
-        outcome("0001", "success", decided_at=9.0, points_right=0.75, first_grasp_at=3.5),
-        outcome("0001", "time-out", points_right=0.125, smallest_distance=0.01),
+        outcome(
+            "0000",
+            "success",
+            decided_at=5.0,
+            smallest_distance=0.02,
+            points_right=0.5,
+            grasp_off=0.01,
+        ),
+        outcome(
+            "0000", "drop", largest_force=2.0, points_right=0.25, motion="turn", grasp_off=0.03
+        ),
+        outcome("0001", "success", decided_at=8.0, points_right=1.0, grasp_off=0.0),
+        outcome("0001", "success", decided_at=9.0, points_right=0.75, grasp_off=0.02),
+        outcome("0001", "time-out", points_right=0.125, smallest_distance=0.01, grasp_off=0.05),
     ]
+    outcomes[2]["corrections"], outcomes[3]["first_grasp_at"] = 1, 3.5
     outcomes[0]["forces"], outcomes[4]["forces"] = {"touch, Stopped": 1.0}, {"touch, Stopped": 2.0}
     whole = condition_row("raw", outcomes)
     halves = condition_row("raw", outcomes[:2]), condition_row("raw", outcomes[2:])
     both = pooled(*halves)
     assert list(both) == list(whole)
     for name, value in whole.items():
-        near = isinstance(value, float) or name == "points_right"
-        assert both[name] == (pytest.approx(value) if near else value), name
+        near = isinstance(value, float) or name in BELIEVED
+        assert both[name] == (pytest.approx(value, nan_ok=True) if near else value), name
 
 
 def test_rows_that_share_an_attempt_or_differ_in_condition_are_not_pooled() -> None:

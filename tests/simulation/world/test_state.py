@@ -56,7 +56,7 @@ def test_states_come_back_in_single_precision(tmp_path: Path, states: list[World
     assert path.stat().st_size < 400 * 45 * 4 + 5000
     with np.load(path) as file:
         np.savez(path, **{**file, "version": np.array(7)})
-    with pytest.raises(ValueError, match="has version 7, expected 1"):
+    with pytest.raises(ValueError, match="has version 7, expected 2"):
         load_states(path)
 
 
