@@ -245,10 +245,7 @@ class Handover:
         follows = c.tracking and (c.final_tracking or self.stage is Stage.APPROACH_AND_REACT)
         if not (new and follows):
             return True
-        try:
-            self.motion = hand_motion(self._chosen_hand, watch.keypoints, about=c.about)
-        except ValueError as error:  # of a hand, as seen, that says nothing of a turn
-            raise HaltError(str(error)) from error
+        self.motion = hand_motion(self._chosen_hand, watch.keypoints, about=c.about)
         if self.motion.residual > c.safety.largest_residual:
             off = f"keypoints {1000 * self.motion.residual:.0f} mm from a rigid motion"
             if self.stage is Stage.GRASP_AND_RETRIEVE:

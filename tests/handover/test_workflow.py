@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hadr.handover import ur5
+from hadr.handover import safety, ur5
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.guarded_arm import GuardedArm
@@ -520,6 +520,32 @@ def test_a_drivers_exception_leaves_the_robot_stopped(
     assert stops[0] == handover.time
     assert handover.transitions[-1].reason == "stands where it is: ConnectionError: the cable"
     assert handover.step(STILL.observe(9.0), DT) is Stage.GAVE_UP
+
+
+def test_a_defect_of_ours_is_no_stop_of_the_method(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> str:
+        raise ValueError("a defect")
+
+    handover = fixed_handover()
+    monkeypatch.setattr(safety, "withdrawal", broken)
+    with pytest.raises(ValueError, match="a defect"):
+        run(handover)
+    assert handover.stage is Stage.GAVE_UP
+    assert handover.transitions[-1].reason == "stands where it is: ValueError: a defect"
+
+
+def test_a_hand_on_one_line_stops_the_robot() -> None:
+    def flatten(seen: Observation) -> Observation:
+        if seen.time < 1.0 or seen.keypoints is None:
+            return seen
+        wrist, knuckle = seen.keypoints[[0, 9]]
+        return replace(seen, keypoints=np.linspace(wrist, 2.2 * (knuckle - wrist) + wrist, 21))
+
+    handover = fixed_handover()
+    run(handover, spoil=flatten)
+    time, reason = first_stop(handover)
+    assert 1.0 <= time < 1.5
+    assert "the keypoints lie on one line within 0.0 mm" in reason
 
 
 def test_an_approach_that_is_too_slow_three_times_sends_it_home() -> None:

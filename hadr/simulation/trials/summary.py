@@ -1,4 +1,4 @@
-"""What attempts come to: a row of the result file for each condition, pooled over seeds."""
+"""What attempts come to: a row of the result file for each condition."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import binomtest
 
 from hadr.handover.stages import Stage
@@ -118,59 +117,6 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
         **{n: {"success": mean(n, succeeded), "failure": mean(n, failed)} for n in BELIEVED},
         "verdicts": verdicts(outcomes),
     }
-
-
-def pooled(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
-    """Give two rows of `condition_row`, of one condition and other attempts, as one.
-
-    Means are weighted by the attempts that are summed up (successes, where they are of these).
-    Incidents are of the rows that have them. ValueError for two conditions, or an attempt that both
-    have.
-    """
-    twice = sorted(first["verdicts"].keys() & second["verdicts"].keys())
-    if first["condition"] != second["condition"]:
-        raise ValueError(f"{first['condition']} and {second['condition']} can't be pooled")
-    if twice:
-        raise ValueError(f"two rows of {first['condition']} both have {', '.join(twice)}")
-    won, tried = (np.array([row[n] for row in (first, second)]) for n in ("successes", "attempts"))
-
-    def mean(values: Sequence[float | None], weights: npt.NDArray[np.int64]) -> float:
-        known = [k for k, value in enumerate(values) if value is not None and weights[k]]
-        if not known:
-            return float("nan")
-        return float(np.average([values[k] for k in known], weights=weights[known]))
-
-    def added(name: str) -> dict[str, Any]:
-        total: dict[str, Any] = {}
-        for row in (first, second):
-            for key, count in row.get(name, {}).items():
-                total[key] = (np.array(total.get(key, 0)) + np.array(count)).tolist()
-        return dict(sorted(total.items()))
-
-    both = {**first["verdicts"], **second["verdicts"]}
-    forces = sorted({**first["largest_forces_n"], **second["largest_forces_n"]})
-    out = {"condition": first["condition"], **_rates(both), "verdicts": both}
-    out |= {n: added(n) for n in ("by_motion", "failures", "time_out_in", "incidents")}
-    for name, value in first.items():
-        pair = (value, second[name])
-        if name == "mean_seconds":
-            out[name] = mean(pair, won)
-        elif name.startswith("mean_"):
-            out[name] = mean(pair, tried)
-    for name in BELIEVED:
-        of = (first[name], second[name])
-        out[name] = {
-            "success": mean([row["success"] for row in of], won),
-            "failure": mean([row["failure"] for row in of], tried - won),
-        }
-    out["smallest_hand_distance_m"] = min(
-        row["smallest_hand_distance_m"] for row in (first, second)
-    )
-    out["largest_force_n"] = max(row["largest_force_n"] for row in (first, second))
-    out["largest_forces_n"] = {
-        n: max(row["largest_forces_n"].get(n, 0.0) for row in (first, second)) for n in forces
-    }
-    return {name: out[name] for name in (*first, *out)}
 
 
 def _rates(ends: Mapping[str, str]) -> dict[str, Any]:

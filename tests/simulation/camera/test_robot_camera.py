@@ -86,6 +86,21 @@ def test_keypoints_follow_the_hand_and_an_object_that_was_taken_leaves_it(
     assert (frame.object_mask | ~rest.object_mask).all()
 
 
+def test_a_hand_that_has_opened_is_seen_open(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
+    opened = np.array([1.0, 1, 0.5, 0, 1])
+    frame = camera.capture(at(scene, 0.0, opened=opened), scene, np.random.default_rng(0))
+    hand = scene.opened(opened).keypoints
+    camera_from_base = np.linalg.inv(camera.base_from_camera)
+    np.testing.assert_allclose(frame.keypoints, transform_points(camera_from_base, hand), atol=1e-9)
+    # the pictures' skin lies on the open fingers: their bones are just under it
+    skin = transform_points(camera.base_from_camera, back_project(frame.depth, frame.camera))
+    for tip in hand[[4, 8, 20]]:
+        assert np.linalg.norm(skin[frame.hand_mask] - tip, axis=1).min() < 0.02
+    assert np.linalg.norm(skin[frame.hand_mask] - scene.keypoints[8], axis=1).min() > 0.02
+
+
 def test_the_arm_is_seen_and_hides_the_hand(
     scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
 ) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from hadr.handover.guarded_arm import too_near
 from hadr.handover.safety import SafetyConfig, withdrawal
-from hadr.simulation.trials.summary import BELIEVED, condition_row, pooled
+from hadr.simulation.trials.summary import condition_row
 
 HOLDS = count()
 
@@ -36,10 +36,12 @@ def outcome(object_id: str, verdict: str, **values: Any) -> dict[str, Any]:
 def test_a_conditions_row_by_hand() -> None:
     outcomes = [
         # 0000: all of two; 0001: one of two, which is not above 0.5; 0004: none of one
-        outcome("0000", "success", decided_at=5.0, largest_force=0.0),
-        outcome("0000", "success", decided_at=8.0, smallest_distance=0.01),
+        outcome("0000", "success", decided_at=5.0, largest_force=0.0, grasp_off=0.01),
+        outcome("0000", "success", decided_at=8.0, smallest_distance=0.01, grasp_off=0.03),
         outcome("0001", "success", decided_at=8.0, planning_wall_seconds=None),
-        outcome("0001", "drop", decided_at=9.0, first_grasp_at=4.0, wall_seconds=9.0),
+        outcome(
+            "0001", "drop", decided_at=9.0, first_grasp_at=4.0, wall_seconds=9.0, grasp_off=0.04
+        ),
         outcome("0004", "gave up", decided_at=1.0, first_grasp_at=None, largest_force=2.5),
     ]
     outcomes[0]["forces"] = {"through the glass, Grasp & Retrieve": 3.0}
@@ -60,6 +62,7 @@ def test_a_conditions_row_by_hand() -> None:
     assert row["smallest_hand_distance_m"] == 0.01
     assert row["largest_force_n"] == 2.5
     assert row["largest_forces_n"] == {**outcomes[1]["forces"]}
+    assert row["grasp_off"] == {"success": pytest.approx(0.02), "failure": pytest.approx(0.04)}
     names = [f"{o['trial']['object_id']}-{o['trial']['hold_number']}" for o in outcomes]
     assert list(row["verdicts"]) == names
     assert list(row["verdicts"].values()) == ["success"] * 3 + ["drop", "gave up"]
@@ -101,43 +104,6 @@ def test_a_row_says_what_happened_and_what_became_of_it() -> None:
         "went in again beside": [1, 1],
         "the glass was torn out of the hand": [0, 1],
     }
-
-
-def test_pooled_rows_are_those_of_all_attempts_together() -> None:
-    outcomes = [
-        outcome(
-            "0000",
-            "success",
-            decided_at=5.0,
-            smallest_distance=0.02,
-            points_right=0.5,
-            grasp_off=0.01,
-        ),
-        outcome(
-            "0000", "drop", largest_force=2.0, points_right=0.25, motion="turn", grasp_off=0.03
-        ),
-        outcome("0001", "success", decided_at=8.0, points_right=1.0, grasp_off=0.0),
-        outcome("0001", "success", decided_at=9.0, points_right=0.75, grasp_off=0.02),
-        outcome("0001", "time-out", points_right=0.125, smallest_distance=0.01, grasp_off=0.05),
-    ]
-    outcomes[2]["corrections"], outcomes[3]["first_grasp_at"] = 1, 3.5
-    outcomes[0]["forces"], outcomes[4]["forces"] = {"touch, Stopped": 1.0}, {"touch, Stopped": 2.0}
-    whole = condition_row("raw", outcomes)
-    halves = condition_row("raw", outcomes[:2]), condition_row("raw", outcomes[2:])
-    both = pooled(*halves)
-    assert list(both) == list(whole)
-    for name, value in whole.items():
-        near = isinstance(value, float) or name in BELIEVED
-        assert both[name] == (pytest.approx(value, nan_ok=True) if near else value), name
-
-
-def test_rows_that_share_an_attempt_or_differ_in_condition_are_not_pooled() -> None:
-    row = condition_row("raw", [outcome("0000", "success")])
-    (name,) = row["verdicts"]
-    with pytest.raises(ValueError, match=rf"two rows of raw both have {name}"):
-        pooled(row, row)
-    with pytest.raises(ValueError, match="raw and hadr can't be pooled"):
-        pooled(row, condition_row("hadr", [outcome("0000", "success")]))
 
 
 def test_attempts_of_several_seeds_are_told_apart() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from hadr.handover.logs.replay import replay
 from hadr.handover.stages import Stage, Transition
+from hadr.records.result_file import digest
 from hadr.simulation.camera.sight import Fault, broken_sight, keypoint_uncertainty
 from hadr.simulation.trials.trial import AFTER_TOUCH, PLANNING_TIME, Run, Trial, run_trial
 from hadr.simulation.world.judge import Judge
@@ -69,6 +70,18 @@ def test_another_seed_is_another_attempt(whole: Run) -> None:
     held = [np.linalg.inv(s.base_from_wrist) @ s.base_from_object
             for s in (other.states[0], whole.states[0])]  # fmt: skip
     np.testing.assert_allclose(*held, atol=1e-6)
+
+
+def test_whole_numbers_and_their_floats_are_one_attempt() -> None:
+    whole_number, number = (Trial("0000", 920, turn_degrees=angle) for angle in (60, 60.0))
+    assert digest(whole_number.record) == digest(number.record)
+
+
+def test_what_a_grasp_went_by(whole: Run) -> None:
+    outcome = whole.outcome
+    assert not outcome.torn
+    assert 0.8 < outcome.points_right_at_grasp <= 1
+    assert outcome.grasp_off < 0.02  # the glass was between the fingers in the end
 
 
 def test_a_search_for_a_grasp_takes_its_time_and_the_arm_stands(whole: Run) -> None:

@@ -6,6 +6,7 @@ import pytest
 from hadr.simulation.trials import TRIAL_OBJECTS
 from hadr.simulation.world.object_parts import (
     convex_parts,
+    distance_outside,
     handle_capsules,
     mass_properties,
     outside,
@@ -45,6 +46,22 @@ def test_a_cylinder_is_one_part(beaker: GlassObject) -> None:
     assert radius.max() == pytest.approx(0.04, abs=3e-4)
     # the rim is round: its top stands half a wall above the corners
     np.testing.assert_allclose([part[:, 2].min(), part[:, 2].max()], [0.0, 0.101], atol=2e-4)
+
+
+def test_distance_from_a_cylinder_and_from_a_handle(beaker: GlassObject) -> None:
+    for point, away in (
+        ((0.0, 0.0, 0.05), 0.0),  # in its hollow
+        ((0.0, 0.06, 0.05), 0.02),
+        ((0.0, 0.0, -0.03), 0.03),
+        ((0.07, 0.0, 0.141), 0.05),  # over the rim's edge, 3 : 4 : 5
+    ):
+        assert distance_outside(beaker, np.array(point)) == pytest.approx(away, abs=6e-4)
+    mug = glass_object("0008")
+    start, end, radius = handle_capsules(mug)[4]
+    middle = (start + end) / 2
+    assert distance_outside(mug, middle) == pytest.approx(0.0, abs=1e-3)
+    beside = middle + np.array([0.0, radius + 0.01, 0.0])  # the handle lies in the plane y = 0
+    assert distance_outside(mug, beside) == pytest.approx(0.01, abs=2e-3)
 
 
 @pytest.mark.parametrize("object_id", TRIAL_OBJECTS)

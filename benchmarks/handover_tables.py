@@ -1,0 +1,141 @@
+"""Make all attempts of the handover's tables, and the three result files that sum them up.
+
+    python benchmarks/handover_tables.py --out RUNS --jobs 2
+    python benchmarks/handover_tables.py --out RUNS --jobs 2 --only seeds --seeds 5
+    python benchmarks/handover_tables.py --out RUNS --write
+
+What is finished in RUNS is not made again, so it can be stopped at any time. A file is written when
+all of its attempts are there; `--write` sums up what is there, whatever is missing, and says so.
+
+    handover.json         48 attempts of each condition, seed 0
+    handover_worse.json   the same attempts, or half of them, with something made worse
+    handover_seeds.json   more seeds of some conditions, pooled
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hadr.experiments.plan import REPRODUCED
+from hadr.figures.tables.handover import WORSE
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_result_file
+from hadr.simulation.trials import TRIAL_HOLDS
+from hadr.simulation.trials.experiment import attempts, finished_attempt, is_finished, run_attempts
+from hadr.simulation.trials.summary import condition_row
+from hadr.simulation.trials.trial import Trial
+
+TITLES = {
+    "handover": "handover attempts in simulation: 48 of each condition, seed 0",
+    "worse": "handover attempts in simulation, made worse one by one",
+    "seeds": "handover attempts in simulation, of several seeds",
+}
+RULES = "masks and keypoints from the simulator with noise, from networks where a condition says so"
+CHANGED: list[tuple[dict[str, Any], list[str], int]] = [
+    *(
+        (change, ["perfect"], 3)
+        for change in (
+            {}, {"extrinsics_error_deg": 1.5}, {"extrinsics_error_deg": 3.0},
+            {"extrinsics_error_deg": 6.0}, {"hand_speed": 2.0}, {"hand_speed": 3.0},
+            {"picture_rate": 5.0}, {"picture_rate": 25.0}, {"picture_rate": 30.0},
+            {"latency": 0.2}, {"latency": 0.3},
+        )
+    ),
+    ({"time_limit": 26.0}, ["perfect"], 6),
+    ({"restless": True},
+     ["perfect", "hadr-plus", "hadr-plus-no-tracking", "hadr", "hadr-no-tracking"], 6),
+    *(
+        ({"turn_degrees": angle}, ["perfect", "hadr-plus", "hadr-plus-no-tracking"], 6)
+        for angle in (20.0, 40.0, 60.0)
+    ),
+]  # fmt: skip
+"""What is made worse, of which conditions, in how many holds of each object."""
+SEEDS: dict[str, int] = {
+    **dict.fromkeys(("perfect", "hadr-plus", "unet-hand", "hadr"), 10),
+    "raw": 5,
+    **dict.fromkeys(("hadr-plus-no-tracking", "hadr-plus-no-rescoring"), 2),
+    **dict.fromkeys((f"{c}-networks" for c in ("unet-hand", "hadr", "raw", "inpainted")), 1),
+}
+"""How many seeds of which conditions."""
+
+
+class Part(NamedTuple):
+    """Attempts that are summed up in one row: the folder of each seed, and what was changed."""
+
+    file: str
+    condition: str
+    made: list[tuple[Path, list[Trial]]]
+    changed: dict[str, Any]
+
+    @property
+    def left(self) -> int:
+        """How many attempts are not made yet."""
+        return sum(not is_finished(out, t) for out, trials in self.made for t in trials)
+
+    def row(self, outcomes: Callable[[Path, Trial], dict[str, Any] | None]) -> dict[str, Any]:
+        """The row of the attempts that there are."""
+        found = [outcomes(out, trial) for out, trials in self.made for trial in trials]
+        return condition_row(self.condition, [row for row in found if row]) | self.changed
+
+
+def parts(out: Path, only: str | None, seeds: int) -> Iterator[Part]:
+    """All rows, in the order in which they are made; of at most so many seeds."""
+    if only in (None, "handover"):
+        for condition in REPRODUCED:
+            yield Part("handover", condition, [(out / "seed-0", attempts(condition))], {})
+    if only in (None, "worse"):
+        for changed, conditions, holds in CHANGED:
+            name = "-".join(f"{key}-{value:g}" for key, value in changed.items()) or "seed-0"
+            for condition in conditions:
+                like = Trial("0000", 0, **changed)
+                trials = attempts(condition, holds=TRIAL_HOLDS[:holds], template=like)
+                told = {key: getattr(like, key) for key in (*WORSE, "restless", "time_limit")}
+                yield Part("worse", condition, [(out / name, trials)], told)
+    if only in (None, "seeds"):
+        for condition, most in SEEDS.items():
+            chosen = range(min(most, seeds))
+            made = [(out / f"seed-{s}", attempts(condition, seed=s)) for s in chosen]
+            yield Part("seeds", condition, made, {})
+
+
+def kept(out: Path, trial: Trial) -> dict[str, Any] | None:
+    """The row of an attempt that is finished."""
+    return finished_attempt(out, trial)[0] if is_finished(out, trial) else None
+
+
+def say(trial: Trial, row: dict[str, Any]) -> None:
+    """One line for one attempt."""
+    print(f"{trial.condition:22} {trial.name} {trial.seed}  {row['verdict']}", flush=True)
+
+
+def main() -> None:
+    """Run the script."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder of the attempts")
+    parser.add_argument("--only", choices=tuple(TITLES))
+    parser.add_argument("--seeds", type=int, default=10, help="at most so many")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--write", action="store_true", help="sum up what is there; make none")
+    parser.add_argument("--results", type=Path, default=Path("results/mini"))
+    args = parser.parse_args()
+    rows: dict[str, list[dict[str, Any]]] = {}
+    for part in parts(args.out, args.only, args.seeds):
+        if not args.write:
+            for out, trials in part.made:
+                run_attempts(trials, out, jobs=args.jobs, report=say)
+        elif part.left:
+            print(f"{part.file}, {part.condition} {part.changed}: {part.left} attempts are missing")
+            if not any(kept(out, trial) for out, trials in part.made for trial in trials):
+                continue
+        rows.setdefault(part.file, []).append(part.row(kept))
+    for file, found in rows.items():
+        name = "handover.json" if file == "handover" else f"handover_{file}.json"
+        what = f"{TITLES[file]}; {RULES}; success by HandoverSim's rules"
+        origin = {**provenance(), "machine": machine_text()}
+        write_result_file(args.results / name, what, found, origin)
+        print(args.results / name)
+
+
+if __name__ == "__main__":
+    main()
