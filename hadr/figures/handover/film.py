@@ -68,11 +68,11 @@ def decisive_state(states: Sequence[WorldState], row: dict[str, Any]) -> WorldSt
 
 
 def show_run(states: Sequence[WorldState], transitions: Sequence[Transition]) -> Figure:
-    """Draw one run over time: distance, opening of the gripper, force of a touch of the hand."""
+    """Draw one run over time: distance, opening of the gripper, forces on the hand."""
     time = np.array([state.time for state in states])
     distance = 100 * np.array([state.hand_distance for state in states])
     opening = 1000 * np.array([state.gripper_width for state in states])
-    force = np.array([state.hand_force for state in states])
+    force, through = np.array([[s.hand_force, s.through_force] for s in states]).T
     fig: Figure
     fig, axes = plt.subplots(3, 1, figsize=(9, 4.6), sharex=True, height_ratios=(1.7, 1, 1))
     top, middle, low = axes
@@ -81,10 +81,13 @@ def show_run(states: Sequence[WorldState], transitions: Sequence[Transition]) ->
     top.legend(loc="upper right")
     middle.plot(time, opening, color=COLORS["hadr"])
     middle.set(ylabel="opening (mm)", ylim=(0, 90))
-    low.plot(time, force, color=COLORS["hand"])
+    low.plot(time, force, color=COLORS["hand"], label="by a touch")
+    low.plot(time, through, color=COLORS["glass"], label="through the glass")
+    low.legend(loc="upper left", bbox_to_anchor=(0, 0.75), fontsize=9)
     low.axhline(_LARGEST_FORCE, color=COLORS["truth"], lw=1, ls=":")
     low.text(time[0], _LARGEST_FORCE, f" limit {_LARGEST_FORCE:g} N", va="bottom", fontsize=9)
-    low.set(ylabel="touch (N)", ylim=(0, 1.5 * max(_LARGEST_FORCE, float(force.max()))))
+    largest = max(_LARGEST_FORCE, float(force.max()), float(through.max()))
+    low.set(ylabel="on the hand (N)", ylim=(0, 1.5 * largest))
     taken = np.array([state.holder == "gripper" for state in states])
     if taken.any():
         first = int(np.argmax(taken))

@@ -52,7 +52,8 @@ SEEN = ("raw", "hadr", "hadr-plus", "perfect")
 FILMED = tuple(_SOURCES)
 """... and those of its films, ..."""
 FILMED_PARTS = (
-    *("hadr-plus-no-tracking", "hadr-plus-no-rescoring"),
+    *("hadr-plus-no-tracking", "hadr-plus-no-rescoring", "hadr-plus-no-rescoring-no-tracking"),
+    *("hadr-no-tracking", "hadr-no-rescoring"),
     *("hadr-plus-networks", "perfect-networks"),
 )
 """... the same attempts without a part of the method, and with networks' masks and keypoints."""
@@ -126,6 +127,26 @@ def incidents_table(rows: Sequence[Row]) -> str:
     names = sorted(set().union(*counts), key=lambda name: -counts[0].get(name, (0, 0))[1])
     lines = [[name, *("{} of {}".format(*of.get(name, (0, 0))) for of in counts)] for name in names]
     head = ["what happened", *(CONDITIONS[row["condition"]] for row in rows)]
+    return markdown(pd.DataFrame(lines, columns=head))
+
+
+def beliefs_table(rows: Sequence[Row]) -> str:
+    """List what the robot's points were worth when it chose: in successes / in failures."""
+
+    def both(means: Mapping[str, float | None], factor: float) -> str:
+        ends = (means["success"], means["failure"])
+        return " / ".join("-" if mean is None else f"{factor * mean:.0f}" for mean in ends)
+
+    lines = [
+        [
+            CONDITIONS[row["condition"]],
+            both(row["points_right"], 100),
+            both(row["points_right_at_grasp"], 100),
+            both(row["grasp_off"], 1000),
+        ]
+        for row in rows
+    ]
+    head = ["condition", "points right (%)", "right at the grasp (%)", "grasp off the glass (mm)"]
     return markdown(pd.DataFrame(lines, columns=head))
 
 

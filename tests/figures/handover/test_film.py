@@ -34,6 +34,7 @@ def states(scene: HeldScene) -> list[WorldState]:
             time=0.5 * k,
             gripper_width=0.085 - 0.005 * k,
             hand_force=1.5 * k,
+            through_force=2.5 * k,
             holder="gripper" if k > 5 else "hand",
         )
         for k in range(8)
@@ -58,7 +59,8 @@ def test_a_run_is_drawn_in_centimetres_millimetres_and_newtons(states: list[Worl
     np.testing.assert_allclose(top.lines[0].get_ydata(), 20.0)
     np.testing.assert_allclose(middle.lines[0].get_ydata(), 85 - 5 * np.arange(8))
     np.testing.assert_allclose(low.lines[0].get_ydata(), 1.5 * np.arange(8))
-    assert low.lines[1].get_ydata()[0] == 20.0
+    np.testing.assert_allclose(low.lines[1].get_ydata(), 2.5 * np.arange(8))
+    assert low.lines[2].get_ydata()[0] == 20.0
     assert middle.lines[1].get_xdata()[0] == 3.0  # the first state that the gripper holds it in
     bands = [(p.get_x(), p.get_x() + p.get_width()) for p in low.patches]
     np.testing.assert_allclose(bands, [(0, 1), (1, 3), (3, 3.5)])

@@ -4,6 +4,7 @@ import pytest
 from hadr.figures.tables.handover import (
     CONDITIONS,
     WORSE,
+    beliefs_table,
     compared,
     conditions_table,
     draw_degradation,
@@ -72,6 +73,14 @@ def test_what_happened_stands_beside_what_became_of_it():
     assert lines[0] == ["what happened", "perfect depth", "HADR"]
     assert lines[2] == ["never stopped", "8 of 9", "5 of 7"]
     assert lines[3] == ["late", "1 of 4", "0 of 0"]
+
+
+def test_what_the_robot_believed_stands_in_percent_and_millimetres():
+    known = {"points_right": {"success": 0.856, "failure": 0.7}}
+    known["points_right_at_grasp"] = {"success": 1.0, "failure": None}
+    known["grasp_off"] = {"success": 0.0123, "failure": 0.0304}
+    lines = [cells(line) for line in beliefs_table([{"condition": "raw", **known}]).splitlines()]
+    assert lines[2] == ["sensor depth", "86 / 70", "100 / -", "12 / 30"]
 
 
 def test_each_condition_has_its_successes_by_motion():
