@@ -2,8 +2,9 @@
 
     python benchmarks/random_faults.py --runs 1000 --jobs 2 --json results/random_faults.json
 
-Each run is a rehearsal on the arm without physics: a hand that swings, and one to three faults of
-perception, robot or person that begin and end at random. The judge shares nothing with the guard:
+Each run is a rehearsal on the arm without physics, of another of 48 holds on which the handover's
+settings were found: a hand that swings, and one to three faults of perception, robot or person that
+begin and end at random. The judge shares nothing with the guard:
 speeds are finite differences of the recorded joints, the arm is the surface that pictures show, the
 person the skin of the same pictures, where they truly are. It does not ask for distances while the
 object is carried away from the hand. Runs that are in the file are not made again.
@@ -30,16 +31,18 @@ from hadr.camera import transform_points
 from hadr.handover import ur5
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.observation import Observation
-from hadr.handover.poses import camera_at
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.workflow import Handover
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.simulation.robot.arm_shape import Part, _links, gripper_surfaces
-from hadr.simulation.trials.rehearsal import Moment, MovingHand, rehearse, rehearsed_scene
+from hadr.simulation.trials import TRIAL_OBJECTS
+from hadr.simulation.trials.rehearsal import REHEARSAL_CAMERA, Moment, MovingHand, rehearse
+from hadr.simulation.world.scenes import held_scene
 
 Array = npt.NDArray[np.float64]
 DT = 1 / 30
+HOLDS = range(920, 926)
 SPEED, ACCELERATION, TOOL_SPEED = np.pi, 5.0, 0.25
 """Limits of joints, rad/s and rad/s2, and of the tool point, m/s."""
 TOLERANCE = 1.001
@@ -179,13 +182,12 @@ def faults_of(rng: np.random.Generator) -> list[Fault]:
 
 
 def run(number: int) -> dict[str, Any]:
-    """Rehearse once, with the faults of this number, and judge it."""
+    """Rehearse once, with scene and faults of this number, and judge it."""
     rng = np.random.default_rng([number, 83])
     faults = faults_of(rng)
-    scene, camera = (
-        rehearsed_scene(),
-        camera_at(np.array([0, -0.55, 0.65]), np.array([0.55, 0, 0.3])),
-    )
+    hold, which = divmod(number, len(TRIAL_OBJECTS))
+    scene = held_scene(TRIAL_OBJECTS[which], HOLDS[hold % len(HOLDS)], number)
+    camera = REHEARSAL_CAMERA
     moves = next((f for f in faults if f.kind in ("the hand comes", "the hand goes")), None)
     calm = np.inf if any(f.kind == "the hand never rests" for f in faults) else 2.0
     hand = Person(
@@ -225,6 +227,7 @@ def run(number: int) -> dict[str, Any]:
         found["not stopped after the driver's error"] = 1.0
     return {
         "run": number,
+        "scene": scene.hold.hold_id,
         "faults": [f.kind for f in faults],
         "end": handover.stage.value,
         "stops": handover.tries,
@@ -266,8 +269,6 @@ def unsafe(moments: list[Moment], unseen: list[bool], skin: Array) -> dict[str, 
         if np.allclose(before.joints, now.joints, atol=1e-9) or not moved:
             continue
         points = transform_points(now.base_from_wrist, skin)
-        if np.linalg.norm(points - now.tool[:3, 3], axis=1).min() > 0.30:
-            continue
         gap = depth_in(now, points)
         if gap > -INTO_SKIN and blind_for <= BLIND_AFTER:
             continue
@@ -282,9 +283,9 @@ def unsafe(moments: list[Moment], unseen: list[bool], skin: Array) -> dict[str, 
 
 
 def depth_in(moment: Moment, points: Array) -> float:
-    """Free space of wrist and gripper as they are drawn to points (n, 3), metres; minus: inside."""
+    """Free space of arm and gripper as they are drawn to points (n, 3), metres; minus: inside."""
     frames = ur5.BASE_LINK_FROM_DH_BASE @ ur5.joint_frames(moment.joints)
-    near = [(frame, faces) for frame, faces in zip(frames[4:], wrist(), strict=True)]
+    near = [(frame, faces) for frame, faces in zip(frames[1:], links(), strict=True)]
     near.append((moment.tool, gripper(round(moment.gripper_width, 3))))
     least = FAR
     for frame, solids in near:
@@ -310,9 +311,9 @@ def convex(parts: Iterable[Part]) -> list[tuple[Array, Array, Array]]:
 
 
 @cache
-def wrist() -> list[list[tuple[Array, Array, Array]]]:
-    """The last three links' solids, each in its link's frame."""
-    return [convex(link) for link in _links()[4:]]
+def links() -> list[list[tuple[Array, Array, Array]]]:
+    """The solids of all links that move, each in its link's frame."""
+    return [convex(link) for link in _links()[1:]]
 
 
 @cache

@@ -150,10 +150,11 @@ def draw_votes(
         ax.imshow(frame.color, alpha=0.45)
         ax.plot(u, v, "o", ms=11, mfc="none", mec="black", mew=1.6, label="true")
         bare_axes(ax)
-    image = left.imshow(shown, cmap="magma", vmin=0)
+    image = left.imshow(shown, cmap="magma", vmin=0, vmax=1)
     (u0, v0), (u1, v1) = (getattr(frame.keypoints_uv, end)(axis=0) for end in ("min", "max"))
     left.set(xlim=(u0 - 25, u1 + 25), ylim=(v1 + 25, v0 - 25))
-    left.figure.colorbar(image, ax=left, label="heat", shrink=0.8)
+    bar = left.figure.colorbar(image, ax=left, shrink=0.8)
+    bar.ax.set_title("heat", fontsize=9)
     near = np.flatnonzero(heat > 0.4)
     sizes = 6 + 120 * weight[near] / weight.max()
     us, vs = votes[near].T
