@@ -186,17 +186,18 @@ class GuardedArm:
     def free(self, *path: Array, width: float | None = None, hand: Array | None = None) -> float:
         """Least free space between robot and skin, metres.
 
-        It is that of the gripper on all tool poses, of wrist and forearm now and at the last one.
+        It is that of the gripper on all tool poses, of the arm's links now and at the last one.
         Left out, poses, opening (metres) and hand are those of now; infinity where none is known.
         """
         hand = self.watch.keypoints if hand is None else hand
         if hand is None:
             return np.inf
         width = self.reading.width if width is None else width
-        tool, links = self.reading.tool, ur5.near_links(self.reading.joints)
+        tool, joints = self.reading.tool, self.reading.joints
+        links = ur5.link_surfaces(joints)
         if path:
-            motion = path[-1] @ np.linalg.inv(tool)
-            links = np.concatenate([links, ur5.carried_links(links, motion)])
+            ahead = ur5.joints_toward(joints, path[-1] @ np.linalg.inv(tool))
+            links = np.concatenate([links, ur5.link_surfaces(ahead)])
         return hand_distance(np.array(path or [tool]), width, hand, links)
 
     def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:

@@ -62,7 +62,7 @@ class Watched:
             hand += beside.reading.tool[:3, 3]
         else:
             hand = 0.45 * hand @ [[0, 0, -1], [0, 1, 0], [1, 0, 0]]
-            hand += ur5.near_links(beside.reading.joints)[3, 3:6] - [0, 0, 0.02]
+            hand += ur5.link_surfaces(beside.reading.joints)[6, 3:6] - [0, 0, 0.02]
         low, high = 0.0, 0.5
         for _ in range(18):  # to 2 micrometres
             middle = (low + high) / 2

@@ -159,17 +159,29 @@ def test_singular_value_is_the_smallest_stretch_of_the_jacobian() -> None:
 def test_links_are_where_the_outline_says_and_go_with_the_tool() -> None:
     joints = np.deg2rad([6.0, -130, 121, 9, 96, 20])
     turn = ur5.BASE_LINK_FROM_DH_BASE[:3, :3]
-    outline, links = ur5.link_outline(joints) @ turn.T, ur5.near_links(joints)
-    np.testing.assert_allclose(links[:, :3], outline[3:8], atol=1e-12)
-    np.testing.assert_allclose(links[:, 3:6], outline[4:9], atol=1e-12)
+    outline, links = ur5.link_outline(joints) @ turn.T, ur5.link_surfaces(joints)
+    np.testing.assert_allclose(links[1:, :3], outline[1:8], atol=1e-12)
+    np.testing.assert_allclose(links[:, 3:6], outline[1:9], atol=1e-12)
     flange = ur5.BASE_LINK_FROM_DH_BASE @ ur5.forward_kinematics(joints)
-    for shift, most in (([0.03, 0.0, 0.0], 0.008), ([0.0, 0.05, 0.0], 0.031)):
+    for shift, angle, most in (
+        ([0.03, 0.0, 0.0], 0.0, 1e-4), ([0.0, 0.05, 0.0], 0.2, 1e-4),
+        ([0.06, -0.05, 0.06], 0.5, 1e-3),
+    ):  # fmt: skip
         goal = flange.copy()
+        goal[:3, :3] = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix() @ goal[:3, :3]
         goal[:3, 3] += shift
         found = ur5.inverse_kinematics(ur5.BASE_LINK_FROM_DH_BASE @ goal, joints[5])
         after = min(ur5.nearest_turns(found, joints), key=lambda q: np.abs(q - joints).max())
-        guess = ur5.carried_links(links, goal @ np.linalg.inv(flange))
-        true = ur5.near_links(after)
-        np.testing.assert_allclose(guess[4], true[4], atol=1e-9)  # fixed to the tool
-        assert np.abs(guess[2:, :6] - true[2:, :6]).max() < most
-        assert np.abs(true[2:, :6] - links[2:, :6]).max() > 0.02
+        guess = ur5.joints_toward(joints, goal @ np.linalg.inv(flange))
+        off = ur5.link_surfaces(guess) - ur5.link_surfaces(after)
+        assert np.abs(off).max() < most
+
+
+def test_toward_what_is_out_of_reach_the_links_go_as_far_as_they_can() -> None:
+    joints = np.deg2rad([6.0, -130, 121, 9, 96, 20])
+    away = np.eye(4)
+    away[:3, 3] = [1.5, 0, 0]
+    links = ur5.link_surfaces(ur5.joints_toward(joints, away))
+    assert np.isfinite(links).all()
+    straight = np.zeros(6)  # singular: the arm is stretched
+    assert np.isfinite(ur5.joints_toward(straight, away)).all()

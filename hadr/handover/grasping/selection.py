@@ -210,15 +210,15 @@ class _Surroundings:
         ]
 
     def arm_clear(self, pose: Array, clearance: float) -> bool:
-        """Whether wrist and forearm keep off the person with the tool at a pose."""
-        links = ur5.near_links(self.robot.joints_at(pose))
+        """Whether the arm's links keep off the person with the tool at a pose."""
+        links = ur5.link_surfaces(self.robot.joints_at(pose))
         return links_distance(links, person(self.keypoints)) >= clearance
 
     def hand_leaves(self, grasp: ChosenGrasp) -> bool:
         """Whether the hand that has given can draw back along its forearm past gripper and arm."""
         pose, back = forward_of(grasp.pose, self.way.last), self.keypoints[0] - self.keypoints[9]
         back = back / max(float(np.linalg.norm(back)), 1e-9)
-        links = ur5.near_links(self.robot.joints_at(pose))
+        links = ur5.link_surfaces(self.robot.joints_at(pose))
         return all(
             hand_distance(pose, grasp.width, self.keypoints + way * back, links) >= _PASSES
             for way in _DRAWN_BACK

@@ -12,8 +12,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from hadr.hand import BONES, FINGERS, keypoints_from_skeleton
-from hadr.handover.grasping.collision import FOREARM_LENGTH, FOREARM_RADIUS, PALM_LINES
+from hadr.hand import FINGERS, keypoints_from_skeleton
+from hadr.handover.grasping.collision import FLESH, FOREARM_LENGTH, FOREARM_RADIUS, LINES
 from hadr.handover.poses import Array
 from hadr.simulation.robot.arm_model import GROUND, HAND, OBJECT, ROBOT, add_arm, add_table
 from hadr.simulation.world.object_parts import convex_parts, handle_capsules, mass_properties
@@ -26,7 +26,6 @@ HAND_MASS = 0.6
 """Effective mass of a hand in kilograms, as ISO/TS 15066 has it."""
 HAND_INERTIA = 0.003
 """Moment of inertia of the hand about each axis, kg m2."""
-_KNUCKLES = (0, 1, 5, 9, 13, 17)
 
 
 def world_model(scene: HeldScene) -> mujoco.MjModel:
@@ -76,8 +75,7 @@ def hand_capsules(scene: HeldScene) -> list[tuple[str, Array, Array, float]]:
     points = keypoints_from_skeleton(scene.skeleton.joints)
     girth = scene.hold.shape.scale * scene.hold.shape.girth
     shapes = []
-    for parent, child in (*BONES, *PALM_LINES):
-        radius = 0.010 if parent in _KNUCKLES and child in _KNUCKLES else 0.0085
+    for (parent, child), radius in zip(LINES, FLESH.tolist(), strict=True):
         name = f"bone_{parent}_{child}"
         shapes.append((name, points[parent], points[child], radius * girth))
     elbow = points[0] + np.array([0.0, -FOREARM_LENGTH, 0.0])

@@ -9,6 +9,8 @@ from hadr.camera import transform_points
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.handover import ur5
 from hadr.handover.grasping.collision import (
+    FLESH,
+    LARGE,
     free_of_hand,
     free_of_object,
     free_of_scene,
@@ -76,7 +78,7 @@ def test_the_forearm_goes_on_behind_the_wrist() -> None:
 
 def test_wrist_and_forearm_of_the_arm_count() -> None:
     robot = SimulatedUR5()
-    links, tool = ur5.near_links(robot.joint_positions()), robot.tool_pose()
+    links, tool = ur5.link_surfaces(robot.joint_positions()), robot.tool_pose()
     outline = robot.outline()
     for start, end, radius in ((4, 5, 0.045), (5, 6, 0.040), (6, 7, 0.040)):
         middle = (outline[start] + outline[end]) / 2
@@ -86,7 +88,7 @@ def test_wrist_and_forearm_of_the_arm_count() -> None:
             keypoints = np.tile(place, (21, 1))
             alone = hand_distance(tool, 0.085, keypoints)
             free = hand_distance(tool, 0.085, keypoints, links)
-            assert free <= min(alone, away - radius - 0.01) + 1e-9
+            assert free <= min(alone, away - radius - LARGE * max(FLESH)) + 1e-9
             assert free > -0.06
     with pytest.raises(ValueError, match="no number: nan"):
         hand_distance(np.full((4, 4), np.nan), 0.085, keypoints)
@@ -95,9 +97,13 @@ def test_wrist_and_forearm_of_the_arm_count() -> None:
 def test_links_at_a_known_distance() -> None:
     capsule = np.array([[0.0, 0, 0, 0.4, 0, 0, 0.045]])
     beside = np.tile([0.2, 0.1, 0.0], (21, 1))
-    assert links_distance(capsule, person(beside)) == pytest.approx(0.1 - 0.045 - 0.01)
+    assert links_distance(capsule, person(beside)) == pytest.approx(
+        0.1 - 0.045 - LARGE * max(FLESH)
+    )
     beyond = np.tile([0.43, 0.04, 0.0], (21, 1))
-    assert links_distance(capsule, person(beyond)) == pytest.approx(0.05 - 0.045 - 0.01)
+    assert links_distance(capsule, person(beyond)) == pytest.approx(
+        0.05 - 0.045 - LARGE * max(FLESH)
+    )
 
 
 def test_the_way_counts_and_not_only_its_end() -> None:

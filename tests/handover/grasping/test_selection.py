@@ -58,7 +58,7 @@ def test_it_leaves_the_hand_its_way_back() -> None:
     # by the scores alone the first one that can be reached stands 5.6 mm beside that way
     found = chosen(1, rescoring=False)
     pose, back = forward_of(found.pose, 0.05), SCENE.keypoints[0] - SCENE.keypoints[9]
-    links = ur5.near_links(SimulatedUR5().joints_at(pose))
+    links = ur5.link_surfaces(SimulatedUR5().joints_at(pose))
     for way in (0.03, 0.06, 0.10, 0.15):
         hand = SCENE.keypoints + way * back / np.linalg.norm(back)
         assert hand_distance(pose, found.width, hand, links) >= 0.006
@@ -80,7 +80,7 @@ def test_the_way_that_is_gone_is_the_way_that_was_checked(forward: float) -> Non
     assert found is not None
     ends = [forward_of(found.pose, forward + s) for s in (0.0, found.feel, found.feel + 0.01)]
     for end in ends[:2]:
-        links = ur5.near_links(robot.joints_at(end))
+        links = ur5.link_surfaces(robot.joints_at(end))
         assert hand_distance(end, found.width, SCENE.keypoints, links) > 0.011
     assert 0 <= found.feel <= 0.05
     if found.feel < 0.05:  # a centimetre more is too near, or out of reach
