@@ -35,6 +35,7 @@ from hadr.press.reproduce import checkout_root
 from hadr.synthesis.glass.objects import OBJECTS
 from hadr.training.checkpoints import Stored, load_checkpoint, strip_checkpoint, update_record
 
+STORED: Stored = "int8"
 SOURCES: dict[str, tuple[str, Experiment | None]] = {
     "hadr-imagenet": ("runs/known/hadr-long/seed-0", "known"),
     "hadr-plus-imagenet": ("runs/known/hadr-plus-long/seed-0", "known"),
@@ -64,8 +65,7 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
     source, experiment = SOURCES[name]
     small = folder / f"{name}.safetensors"
     camera = source.startswith("handover/")
-    stored: Stored = "int8"
-    strip_checkpoint(made / source / "last.safetensors", small, stored)
+    strip_checkpoint(made / source / "last.safetensors", small, STORED)
     model, record = load_checkpoint(small)
     depth, keypoints = DEPTHS[camera]
     where = "before the robot" if camera else "of TransHand-mini"
@@ -105,7 +105,7 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
                 "seconds": sum(row["seconds"] for row in history),
             },
             "validation": validation,
-            "weights": {"number": sum(p.numel() for p in model.parameters()), "stored": stored},
+            "weights": {"number": sum(p.numel() for p in model.parameters()), "stored": STORED},
         },
     )
     if record["network"] in DEPTH_NETWORKS:

@@ -224,11 +224,11 @@ def test_it_feels_only_as_far_as_the_way_was_found_free(free: float, goes: float
 def test_beside_the_hand_it_does_not_go_on() -> None:
     """The hand stands where the fingers would come only by feeling ahead."""
     _, advance, start = advancing(FEELING)
-    ahead = forward_of(start, WAY + 0.035)
+    ahead = forward_of(start, WAY + 0.045)
     put_hand(advance, ahead[:3, 3] + 0.0475 * ahead[:3, 0], ahead[:3, 2])
     end = final_move(advance, start)[0]
     way = end[2, 3] - WAY
-    assert 0.009 < way < 0.021  # 1 cm of flesh and 5 mm to spare leave 2 cm
+    assert 0.009 < way < 0.021  # 2 cm of flesh and 5 mm to spare leave 2 cm
 
 
 @pytest.mark.parametrize("leaves", [True, False])

@@ -54,16 +54,17 @@ class Watched:
     def put(self, free: float, direction: np.ndarray) -> None:
         """Bring the hand so near that its skin is so far from the robot, to one side of it.
 
-        In front its forearm points away; behind the wrist a child's hand reaches up.
+        In front its forearm points away; behind the wrist a child's hand reaches down from above.
         """
         beside = GuardedArm(self.arm.robot, CONFIG, HandWatch(np.eye(4), SafetyConfig()))
         hand = FAR_HAND - FAR_HAND.mean(axis=0)  # its forearm points along +x
         if direction[0] > 0:
-            hand += beside.reading.tool[:3, 3]
+            hand, high = hand + beside.reading.tool[:3, 3], 0.5
         else:
-            hand = 0.45 * hand @ [[0, 0, -1], [0, 1, 0], [1, 0, 0]]
-            hand += ur5.link_surfaces(beside.reading.joints)[6, 3:6] - [0, 0, 0.02]
-        low, high = 0.0, 0.5
+            hand = 0.45 * hand @ [[0, 0, 1], [0, 1, 0], [1, 0, 0]]
+            hand += ur5.link_surfaces(beside.reading.joints)[6, 3:6] + [0, 0, 0.08]
+            high = 0.15
+        low = 0.0
         for _ in range(18):  # to 2 micrometres
             middle = (low + high) / 2
             beside.watch.keypoints = hand + middle * direction

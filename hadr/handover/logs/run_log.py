@@ -251,16 +251,17 @@ class RecordedHandover(Handover):
             return self.stage
         notes = self.recorded.step = _blank()
         given, row, cloud = self._keep(cleaned(observation))
-        stage = super().step(given, dt)
-        self._steps.append(notes)
-        confidence = np.inf if given.confidence is None else given.confidence
-        self._given.append((given.time, given.taken, dt, confidence, row, cloud))
-        if not self._cautions or self._cautions[-1][1] != self.caution:
-            self._cautions.append((self.time, self.caution))
-        return stage
+        try:
+            return super().step(given, dt)
+        finally:  # a step that raised is the last one, and the log ends with it
+            self._steps.append(notes)
+            confidence = np.inf if given.confidence is None else given.confidence
+            self._given.append((given.time, given.taken, dt, confidence, row, cloud))
+            if not self._cautions or self._cautions[-1][1] != self.caution:
+                self._cautions.append((self.time, self.caution))
 
     def log(self) -> RunLog:
-        """The run up to now."""
+        """The run up to now; one that a driver's own kind of error ended can't be replayed."""
         steps, table = self._steps, np.array(self._given, dtype=np.float64).reshape(-1, 6)
         names = ("time", "taken", "dt", "confidence", "hand", "cloud")
         arrays: dict[str, npt.NDArray[Any]] = dict(zip(names, table.T, strict=True))

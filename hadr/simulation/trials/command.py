@@ -111,7 +111,7 @@ class Options:
     turn: float | None = None
     """Let every hand turn, by at most so many degrees to each side; unset: six motions."""
     picture_rate: float = 10.0
-    """Pictures a second, at most 50."""
+    """Pictures a second, 0.1 to 50."""
     latency: float = 0.1
     """Seconds from a picture to what is seen in it."""
     time_limit: float = 13.0

@@ -84,7 +84,7 @@ AFTER_TOUCH = 1.0
 CONTROL_STEP = 0.02
 """Seconds between two steps of the workflow."""
 SLOWEST_PICTURES = 0.1
-"""With fewer pictures a second an attempt would be over before the second one."""
+"""Fewer pictures a second than this are refused: HandoverSim's 13 seconds would see but one."""
 LARGEST_LATENCY = 2.0
 """Later than this, seconds, no picture is answered."""
 

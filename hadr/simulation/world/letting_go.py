@@ -1,7 +1,7 @@
-"""How a person lets go: the fingers stretch as far as they must, and the hand draws back.
+"""How a person lets go: the fingers stretch, together, and the hand draws back.
 
-Of some ways the one is taken on which glass and gripper are touched least, as a person does who
-sees both. All on a compiled model of `hadr.simulation.world.model`.
+As far, and on that one of some ways, as touches glass and gripper least, as a person does who sees
+both; a finger stops before the gripper. All on a compiled model of `hadr.simulation.world.model`.
 """
 
 from __future__ import annotations
@@ -42,9 +42,10 @@ def pose_hand(model: mujoco.MjModel, scene: HeldScene) -> None:
 
 
 def touch_object(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Let the hand collide with the object from now on, but for fingers in its hollow.
+    """Let the hand collide with the object from now on, but for what is in its hollow now.
 
-    The object's parts are solid, so what is deep in them is in what truly is a hollow.
+    The object's parts are solid, so what is deep in them is in what truly is a hollow; it does not
+    collide later either.
     """
     hand, item = model.body("hand").id, model.body("object").id
     parts = np.flatnonzero(model.geom_bodyid == item)
@@ -78,7 +79,7 @@ def way_off(
         mujoco.mj_kinematics(model, data)
         gaps = np.array([_nearest(model, data, bones, robot) for bones in fingers])
         free_to[(gaps >= _ENOUGH) & np.isclose(free_to, share - 1 / OPENING_STEPS)] = share
-    best, chosen = -np.inf, (free_to, DIRECTIONS[0] @ rotation.T)
+    best, chosen = -np.inf, (free_to, -rotation[:, 1])
     for stretch, direction in product(STRETCHES, DIRECTIONS @ rotation.T):
         shares, free = np.minimum(stretch, free_to), _ENOUGH
         pose_hand(model, scene.opened(shares))

@@ -25,6 +25,8 @@ from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import HandoverConfig
 
 FAR = np.array([[5.0, 5.0, 5.0]])
+BALL = LARGE * float(max(FLESH))
+"""What keypoints that are all in one place have around them, metres."""
 
 
 def grasp(width: float = 0.06) -> Grasps:
@@ -41,11 +43,11 @@ def points_at(x: float, y: float, z: float, count: int = 10) -> np.ndarray:
 @pytest.mark.parametrize(
     ("place", "free"),
     [
-        ((0.0, 0.0, 0.05), np.hypot(0.03, 0.05) - 0.01),  # before the fingers, 3 cm beside each
-        ((0.065, 0.0, -0.03), 0.025 - 0.01),  # beside the right finger
-        ((0.0, 0.05, -0.10), 0.02 - 0.01),  # above the palm, which is 3 cm from the middle
-        ((0.0, 0.0, -0.10), -0.01),  # inside the palm
-        ((0.04 + 0.03, 0.0, 0.04), 0.05 - 0.01),  # 3 and 4 cm from a fingertip's edge
+        ((0.0, 0.0, 0.05), np.hypot(0.03, 0.05) - BALL),  # before the fingers, 3 cm beside each
+        ((0.065, 0.0, -0.03), 0.025 - BALL),  # beside the right finger
+        ((0.0, 0.05, -0.10), 0.02 - BALL),  # above the palm, which is 3 cm from the middle
+        ((0.0, 0.0, -0.10), -BALL),  # inside the palm
+        ((0.04 + 0.03, 0.0, 0.04), 0.05 - BALL),  # 3 and 4 cm from a fingertip's edge
     ],
 )
 def test_distance_to_a_hand_in_one_place(place: tuple[float, float, float], free: float) -> None:
@@ -55,7 +57,7 @@ def test_distance_to_a_hand_in_one_place(place: tuple[float, float, float], free
 
 def test_the_guard_sees_the_same_body_as_the_planning() -> None:
     """A gripper of lines left 30 mm to a hand that touched the palm's side by 5."""
-    keypoints = np.tile([0.045, 0.0, -0.14], (21, 1))  # 5 mm beside the palm, flesh is 10
+    keypoints = np.tile([0.055, 0.0, -0.14], (21, 1))  # 15 mm beside the palm, flesh is 20
     robot = SimulatedUR5()
     tool = robot.tool_pose()
     watch = SimpleNamespace(keypoints=transform_points(tool, keypoints))
@@ -88,7 +90,7 @@ def test_wrist_and_forearm_of_the_arm_count() -> None:
             keypoints = np.tile(place, (21, 1))
             alone = hand_distance(tool, 0.085, keypoints)
             free = hand_distance(tool, 0.085, keypoints, links)
-            assert free <= min(alone, away - radius - LARGE * max(FLESH)) + 1e-9
+            assert free <= min(alone, away - radius - BALL) + 1e-9
             assert free > -0.06
     with pytest.raises(ValueError, match="no number: nan"):
         hand_distance(np.full((4, 4), np.nan), 0.085, keypoints)
@@ -97,30 +99,26 @@ def test_wrist_and_forearm_of_the_arm_count() -> None:
 def test_links_at_a_known_distance() -> None:
     capsule = np.array([[0.0, 0, 0, 0.4, 0, 0, 0.045]])
     beside = np.tile([0.2, 0.1, 0.0], (21, 1))
-    assert links_distance(capsule, person(beside)) == pytest.approx(
-        0.1 - 0.045 - LARGE * max(FLESH)
-    )
+    assert links_distance(capsule, person(beside)) == pytest.approx(0.1 - 0.045 - BALL)
     beyond = np.tile([0.43, 0.04, 0.0], (21, 1))
-    assert links_distance(capsule, person(beyond)) == pytest.approx(
-        0.05 - 0.045 - LARGE * max(FLESH)
-    )
+    assert links_distance(capsule, person(beyond)) == pytest.approx(0.05 - 0.045 - BALL)
 
 
 def test_the_way_counts_and_not_only_its_end() -> None:
     # beside where the palm passes: 14.5 + 10 cm behind the grasp's point
     passed = np.tile([-0.24, 0.0, 0.06], (21, 1))
     way = way_to_hand(grasp(), passed)
-    assert way[0] == pytest.approx(0.06 - 0.03 - 0.01)
+    assert way[0] == pytest.approx(0.06 - 0.03 - BALL)
     # 8 cm past the grasp's point: the tips stop 3 cm before it
     ahead = np.tile([0.08, 0.035, 0.0], (21, 1))
-    assert way_to_hand(grasp(), ahead)[0] == pytest.approx(0.03 - 0.01)
+    assert way_to_hand(grasp(), ahead)[0] == pytest.approx(0.03 - BALL)
 
 
 def test_a_longer_way_is_checked_to_its_end() -> None:
     hand, rim = np.tile([0.10, 0.035, 0.0], (21, 1)), points_at(0.075, 0.035, 0.0)
     for forward, feel in ((0.05, 0.0), (0.07, 0.0), (0.05, 0.02)):
         way = Way(forward=forward, feel=feel)
-        assert way_to_hand(grasp(), hand, way)[0] == pytest.approx(0.10 - way.last - 0.01)
+        assert way_to_hand(grasp(), hand, way)[0] == pytest.approx(0.10 - way.last - BALL)
         assert free_of_scene(grasp(), rim, FAR, way=way)[0] == (way.last < 0.065)
         # the object is what the fingers feel for: only the planned way must be free of it
         assert free_of_object(grasp(), points_at(0.06, 0.035, 0.0), way)[0] == (forward < 0.06)

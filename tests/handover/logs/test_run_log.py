@@ -213,6 +213,24 @@ def test_forces_and_refusals_of_the_robot_are_replayed() -> None:
     assert replay(handover.log()).transitions == handover.transitions
 
 
+def test_a_run_that_an_error_ended_is_replayed(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = SimulatedUR5()
+    last = ChosenGrasp(rehearsed_grasp(), 0.075, 1.0)
+    handover = RecordedHandover(arm, lambda *_: last, CAMERA)
+    servo_to = arm.servo_to
+
+    def broken(pose: np.ndarray, dt: float) -> None:
+        if handover.time > 1.0:
+            raise ValueError("a defect of the driver")
+        servo_to(pose, dt)
+
+    monkeypatch.setattr(arm, "servo_to", broken)
+    with pytest.raises(ValueError, match="a defect of the driver"):
+        rehearse(handover, HAND, dt=0.02, picture_every=0.1)
+    assert handover.stage is Stage.GAVE_UP
+    assert replay(handover.log()).transitions == handover.transitions
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_run_on_garbage_is_replayed(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
