@@ -1,7 +1,8 @@
 """Draw the films of chapter 13 and keep the recordings that it reads, in data_samples.
 
     python benchmarks/handover_tables.py --out RUNS --only handover
-    python benchmarks/handover_films.py RUNS/seed-0 success=hadr/0004-904
+    python benchmarks/handover_films.py RUNS/seed-0 \\
+        success=hadr-plus/0004-904 failure-depth=hadr-plus/0001-901
 
 Films, each with the picture of the moment that decided it, are drawn from the states of finished
 attempts. Besides the named ones they are of the two attempts that tell kinds of depth apart most
@@ -41,12 +42,15 @@ def draw_films(table: Path, out: Path, wishes: list[str]) -> None:
         attempts |= {
             f"{condition}-{number}": f"{condition}/{name}" for condition in (*FILMED, *FILMED_PARTS)
         }
-    kept, films = samples_dir() / "handover", {}
-    shutil.rmtree(kept, ignore_errors=True)
+    films, trials = {}, {}
     for name, where in attempts.items():
         condition, _, attempt = where.partition("/")
         object_id, _, hold = attempt.partition("-")
-        trial = Trial(object_id, int(hold), condition=condition)
+        trials[name] = Trial(object_id, int(hold), condition=condition)
+        finished_attempt(out, trials[name])  # before anything is removed
+    kept = samples_dir() / "handover"
+    shutil.rmtree(kept, ignore_errors=True)
+    for name, trial in trials.items():
         row, states, changes, scene = finished_attempt(out, trial)
         keep(out, kept, trial)
         view = side_view(480, 270)
@@ -56,7 +60,7 @@ def draw_films(table: Path, out: Path, wishes: list[str]) -> None:
         drawn, span = FilmSet(scene, view).draw(state), (states[0].time, states[-1].time)
         still = captioned(drawn, state.time, changes, span, ending_of(row))
         Image.fromarray(still).save(kept / f"{name}.jpg", quality=80)
-        films[name] = [condition, object_id, int(hold)]
+        films[name] = [trial.condition, trial.object_id, trial.hold_number]
     (kept / "films.json").write_text(json.dumps(films, indent=1) + "\n", encoding="utf-8")
     write_manifest(samples_dir())
 

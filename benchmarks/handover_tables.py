@@ -2,10 +2,10 @@
 
     python benchmarks/handover_tables.py --out RUNS --jobs 2
     python benchmarks/handover_tables.py --out RUNS --jobs 2 --only seeds --seeds 5
-    python benchmarks/handover_tables.py --out RUNS --write
+    python benchmarks/handover_tables.py --out RUNS --write --results FOLDER
 
 What is finished in RUNS is not made again, so it can be stopped at any time. A file is written when
-all of its attempts are there; `--write` sums up what is there, whatever is missing, and says so.
+all of its attempts are there; `--write` makes none, and sums up what is there of this code.
 
     handover.json         48 attempts of each condition, seed 0
     handover_worse.json   the same attempts, or half of them, with something made worse
@@ -13,14 +13,17 @@ all of its attempts are there; `--write` sums up what is there, whatever is miss
 """
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from hadr.experiments.plan import REPRODUCED
 from hadr.figures.tables.handover import WORSE
+from hadr.records.output_folder import make_output_folder
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
+from hadr.records.writing import sole_owner
 from hadr.simulation.trials import TRIAL_HOLDS
 from hadr.simulation.trials.experiment import attempts, finished_attempt, is_finished, run_attempts
 from hadr.simulation.trials.summary import condition_row
@@ -63,45 +66,40 @@ SEEDS: dict[str, int] = {
 class Part(NamedTuple):
     """Attempts that are summed up in one row: the folder of each seed, and what was changed."""
 
-    file: str
     condition: str
     made: list[tuple[Path, list[Trial]]]
     changed: dict[str, Any]
 
-    @property
-    def left(self) -> int:
-        """How many attempts are not made yet."""
-        return sum(not is_finished(out, t) for out, trials in self.made for t in trials)
+    def outcomes(self, jobs: int, *, make: bool) -> list[dict[str, Any]]:
+        """The rows of its attempts: of all, which are made where they are missing, or of some."""
+        found = []
+        for out, trials in self.made:
+            if make:
+                found += run_attempts(trials, out, jobs=jobs, report=say)
+            else:
+                found += [finished_attempt(out, t)[0] for t in trials if is_finished(out, t)]
+        return found
 
-    def row(self, outcomes: Callable[[Path, Trial], dict[str, Any] | None]) -> dict[str, Any]:
-        """The row of the attempts that there are."""
-        found = [outcomes(out, trial) for out, trials in self.made for trial in trials]
-        return condition_row(self.condition, [row for row in found if row]) | self.changed
 
-
-def parts(out: Path, only: str | None, seeds: int) -> Iterator[Part]:
-    """All rows, in the order in which they are made; of at most so many seeds."""
-    if only in (None, "handover"):
+def parts(out: Path, file: str, seeds: int) -> Iterator[Part]:
+    """The rows of a file, in the order in which they are made; of at most so many seeds."""
+    if file == "handover":
         for condition in REPRODUCED:
-            yield Part("handover", condition, [(out / "seed-0", attempts(condition))], {})
-    if only in (None, "worse"):
+            yield Part(condition, [(out / "seed-0", attempts(condition))], {})
+    elif file == "worse":
         for changed, conditions, holds in CHANGED:
             name = "-".join(f"{key}-{value:g}" for key, value in changed.items()) or "seed-0"
             for condition in conditions:
                 like = Trial("0000", 0, **changed)
                 trials = attempts(condition, holds=TRIAL_HOLDS[:holds], template=like)
                 told = {key: getattr(like, key) for key in (*WORSE, "restless", "time_limit")}
-                yield Part("worse", condition, [(out / name, trials)], told)
-    if only in (None, "seeds"):
+                yield Part(condition, [(out / name, trials)], told)
+    else:
         for condition, most in SEEDS.items():
             chosen = range(min(most, seeds))
-            made = [(out / f"seed-{s}", attempts(condition, seed=s)) for s in chosen]
-            yield Part("seeds", condition, made, {})
-
-
-def kept(out: Path, trial: Trial) -> dict[str, Any] | None:
-    """The row of an attempt that is finished."""
-    return finished_attempt(out, trial)[0] if is_finished(out, trial) else None
+            yield Part(
+                condition, [(out / f"seed-{s}", attempts(condition, seed=s)) for s in chosen], {}
+            )
 
 
 def say(trial: Trial, row: dict[str, Any]) -> None:
@@ -119,22 +117,22 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="sum up what is there; make none")
     parser.add_argument("--results", type=Path, default=Path("results/mini"))
     args = parser.parse_args()
-    rows: dict[str, list[dict[str, Any]]] = {}
-    for part in parts(args.out, args.only, args.seeds):
-        if not args.write:
-            for out, trials in part.made:
-                run_attempts(trials, out, jobs=args.jobs, report=say)
-        elif part.left:
-            print(f"{part.file}, {part.condition} {part.changed}: {part.left} attempts are missing")
-            if not any(kept(out, trial) for out, trials in part.made for trial in trials):
-                continue
-        rows.setdefault(part.file, []).append(part.row(kept))
-    for file, found in rows.items():
-        name = "handover.json" if file == "handover" else f"handover_{file}.json"
-        what = f"{TITLES[file]}; {RULES}; success by HandoverSim's rules"
-        origin = {**provenance(), "machine": machine_text()}
-        write_result_file(args.results / name, what, found, origin)
-        print(args.results / name)
+    make_output_folder(args.out)
+    with nullcontext() if args.write else sole_owner(args.out, "the handover's tables"):
+        for file in [args.only] if args.only else TITLES:
+            rows, missing = [], 0
+            for part in parts(args.out, file, args.seeds):
+                found = part.outcomes(args.jobs, make=not args.write)
+                missing += sum(len(trials) for _, trials in part.made) - len(found)
+                if found:
+                    rows.append(condition_row(part.condition, found) | part.changed)
+            what = f"{TITLES[file]}; {RULES}; success by HandoverSim's rules"
+            if missing:
+                what += f"; {missing} attempts are still to be made"
+            name = "handover.json" if file == "handover" else f"handover_{file}.json"
+            origin = {**provenance(), "machine": machine_text()}
+            write_result_file(args.results / name, what, rows, origin)
+            print(args.results / name, f"{missing} missing" if missing else "")
 
 
 if __name__ == "__main__":

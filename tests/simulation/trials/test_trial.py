@@ -2,16 +2,31 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hadr.camera import transform_points
 from hadr.handover.logs.replay import replay
-from hadr.handover.stages import Stage, Transition
+from hadr.handover.observation import Observation
+from hadr.handover.poses import camera_at
+from hadr.handover.stages import ChosenGrasp, Stage, Transition
 from hadr.records.result_file import digest
 from hadr.simulation.camera.sight import Fault, broken_sight, keypoint_uncertainty
-from hadr.simulation.trials.trial import AFTER_TOUCH, PLANNING_TIME, Run, Trial, run_trial
+from hadr.simulation.trials.trial import (
+    AFTER_TOUCH,
+    ATTEMPT_CONFIG,
+    PLANNING_TIME,
+    Run,
+    Trial,
+    _believed,
+    _Shown,
+    run_trial,
+)
 from hadr.simulation.world.judge import Judge
+from hadr.simulation.world.scenes import held_scene
 from hadr.simulation.world.state import WorldState
 
 BROKEN = Trial("0004", 922, "perfect")
@@ -82,6 +97,26 @@ def test_what_a_grasp_went_by(whole: Run) -> None:
     assert not outcome.torn
     assert 0.8 < outcome.points_right_at_grasp <= 1
     assert outcome.grasp_off < 0.02  # the glass was between the fingers in the end
+
+
+def test_what_a_chosen_grasp_went_by_is_counted_where_the_fingers_close() -> None:
+    scene, believed = held_scene("0000", 920), camera_at(np.array([0, -0.5, 0.6]), np.zeros(3))
+    pose = np.eye(4)
+    pose[:3, 3] = [0.3, 0.1, 0.2]
+    handover: Any = SimpleNamespace(
+        grasp=ChosenGrasp(pose, 0.08, 1.0), config=ATTEMPT_CONFIG, base_from_camera=believed
+    )
+    # the tool goes 5 cm past the predicted grasp, the pads' middle is 3 cm behind its point
+    place = pose[:3, 3] + [0, 0, 0.05 - 0.03]
+    points = place + np.array([[0.01, 0, 0], [0, 0.02, 0], [0, 0, -0.029], [0.2, 0, 0]])
+    seen = Observation(0.0, None, transform_points(np.linalg.inv(believed), points))
+    glass, height = np.eye(4), 0.05
+    radius = scene.item.outer_radius(height)
+    glass[:3, 3] = place - [radius + 0.03, 0, height]  # three centimetres beside its wall
+    shown = _Shown(seen, np.array([True, False, False, True]), glass)
+    whole, near, off = _believed(handover, shown, scene)
+    assert (whole, near) == pytest.approx((2 / 4, 1 / 3))
+    assert off == pytest.approx(0.03, abs=2e-3)
 
 
 def test_a_search_for_a_grasp_takes_its_time_and_the_arm_stands(whole: Run) -> None:

@@ -6,7 +6,13 @@ import pytest
 
 from hadr.hand import ANGLE_NAMES
 from hadr.simulation.robot.arm_model import HAND, OBJECT
-from hadr.simulation.world.letting_go import IN_THE_HOLLOW, pose_hand, touch_object, way_off
+from hadr.simulation.world.letting_go import (
+    DIRECTIONS,
+    IN_THE_HOLLOW,
+    pose_hand,
+    touch_object,
+    way_off,
+)
 from hadr.simulation.world.model import hand_capsules
 from hadr.simulation.world.physics import HOLD_FORCE, HOLD_TORQUE, World
 from hadr.simulation.world.scenes import HeldScene, held_scene
@@ -105,31 +111,109 @@ def test_fingers_in_a_hollow_do_not_meet_its_solid_stand_in() -> None:
     assert free == inside
 
 
-def test_a_finger_stops_before_the_gripper_and_the_others_do_not() -> None:
-    scene = held_scene("0012", 905)  # a coupe's stem in a fist
+def gripper_at(scene: HeldScene, place: np.ndarray) -> World:
+    """A world whose tool has gone to a place (3,), base frame, and whose hand may touch."""
     world = World(scene)
-    model, data = world.physics
-    target = world.robot.tool_pose()  # two centimetres before where the index finger would end
-    target[:3, 3] = scene.opened(np.full(5, 1.0)).keypoints[8] - 0.02 * target[:3, 2]
+    target = world.robot.tool_pose()
+    target[:3, 3] = place
     for _ in range(150):
         world.robot.servo_to(target, 0.02)
         world.step(0.02)
-    touch_object(model, data)
+    touch_object(*world.physics)
+    return world
+
+
+def gap(world: World, shapes: list[int], others: list[int]) -> float:
+    model, data = world.physics
+    mujoco.mj_kinematics(model, data)
+    pairs = [(int(a), int(b)) for a in shapes for b in others]
+    return min(mujoco.mj_geomDistance(model, data, *pair, 0.1, None) for pair in pairs)
+
+
+def test_a_finger_stops_before_the_gripper_and_the_others_do_not() -> None:
+    scene = held_scene("0012", 905)  # a coupe's stem in a fist
+    world = gripper_at(scene, scene.opened(np.full(5, 1.0)).keypoints[8])  # the index's way
+    model, data = world.physics
+    before = model.geom_pos.copy(), model.geom_quat.copy(), data.qpos.copy()
     shares, direction = way_off(model, data, scene, world._near)
+    after = model.geom_pos, model.geom_quat, data.qpos
+    for was, now in zip(before, after, strict=True):  # it looks at copies
+        np.testing.assert_array_equal(was, now)
     finger = int(shares.argmin())
-    assert sorted(shares)[0] < sorted(shares)[1] == 1.0
+    assert sorted(shares)[0] < sorted(shares)[1] == shares.max()
     assert np.linalg.norm(direction) == pytest.approx(1)
-    # on copies: nothing has moved
-    np.testing.assert_allclose(world.state().base_from_wrist, scene.base_from_wrist, atol=5e-3)
-    first = 4 * finger + 1
+    first, steps = 4 * finger + 1, round(10 * shares[finger])
     bones = [model.geom(f"bone_{a}_{a + 1}").id for a in range(first, first + 3)]
+    gaps = []
+    for step in range(1, steps + 2):
+        pose_hand(model, scene.opened(np.full(5, step / 10)))
+        gaps.append(gap(world, bones, world._near))
+    assert min(gaps[:-1]) > 0.002
+    assert gaps[-1] < 0.004
 
-    def gap(share: float) -> float:
-        pose_hand(model, scene.opened(np.full(5, share)))
-        mujoco.mj_kinematics(model, data)
-        pairs = [(int(a), int(b)) for a in bones for b in world._near]
-        return min(mujoco.mj_geomDistance(model, data, *pair, 0.1, None) for pair in pairs)
 
-    steps = round(10 * shares[finger])
-    assert all(gap(step / 10) > 0.002 for step in range(1, steps + 1))
-    assert gap((steps + 1) / 10) < 0.004
+@pytest.mark.parametrize(("object_id", "hold"), [("0004", 901), ("0000", 902)])
+def test_the_hand_goes_where_it_touches_least(object_id: str, hold: int) -> None:
+    scene = held_scene(object_id, hold)
+    world = World(scene)
+    model, data = world.physics
+    touch_object(model, data)
+    shares, chosen = way_off(model, data, scene, world._near)
+    parts = np.flatnonzero(model.geom_bodyid == world._object)
+    start = model.joint("hand").qposadr[0]
+    place, rotation = data.qpos[start : start + 3].copy(), scene.base_from_wrist[:3, :3]
+    pose_hand(model, scene.opened(shares))
+
+    def clear(direction: np.ndarray) -> float:
+        least = np.inf
+        for back in np.linspace(0.01, 0.15, 15):
+            data.qpos[start : start + 3] = place + back * direction
+            least = min(least, gap(world, world._skin, parts))
+        return least
+
+    best = max(clear(rotation @ way) for way in DIRECTIONS)
+    assert min(clear(chosen), 0.003) > min(best, 0.003) - 0.002  # it looks at fewer places
+    assert clear(rotation[:, 1]) < clear(chosen) - 0.005  # on along the forearm, into the glass
+
+
+def test_a_finger_that_has_left_the_box_in_which_it_was_compiled_collides() -> None:
+    scene = held_scene("0004", 901)
+    world = World(scene)
+    model, data = world.physics
+    opened = scene.opened(np.full(5, 1.0))
+    pose_hand(model, opened)
+    world.step(0.002)
+    # the middle between the pads to where the index finger's tip is now
+    target = world.robot.tool_pose()
+    target[:3, 3] = opened.keypoints[8] - 0.03 * target[:3, 2]
+    for _ in range(100):
+        world.robot.servo_to(target, 0.02)
+        world.step(0.02)
+    shape = model.geom("bone_7_8").id
+    met = data.contact.geom[: data.ncon]
+    assert gap(world, [shape], world._near) < 0.06
+    target[:3, 3] = opened.keypoints[8]
+    target[:3, 3] += (0.0425 + 0.005) * target[:3, 0] + 0.01 * target[:3, 2]
+    forces = []
+    for _ in range(100):
+        world.robot.servo_to(target, 0.02)
+        world.step(0.02)
+        met = data.contact.geom[: data.ncon]
+        forces.append(bool((met == shape).any()))
+    assert any(forces)
+
+
+def test_what_a_hold_bears_is_about_the_middle_of_the_fingertips() -> None:
+    scene = held_scene("0001", 904)  # by the stem
+    world = World(scene)
+    model, data = world.physics
+    data.xfrc_applied[world._object, :3] = [0.0, 2.0, 0.0]  # at the glass's centre of mass
+    for _ in range(50):
+        world.step(0.02)
+    weight = 9.81 * model.body("object").mass[0]
+    force = np.array([0.0, 2.0, -weight])
+    tips = world.keypoints()[[4, 8, 12, 16, 20]].mean(axis=0)
+    torque = np.cross(data.xipos[world._object] - tips, force)
+    assert np.linalg.norm(torque) > 0.1  # a lever of centimetres
+    expected = pytest.approx((np.linalg.norm(force), np.linalg.norm(torque)), rel=0.03)
+    assert world._hold_bears() == expected

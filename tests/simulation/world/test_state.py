@@ -33,6 +33,8 @@ def states() -> list[WorldState]:
             holders[k % 4],
             rng.uniform(0, 20),
             rng.uniform(0, 0.3),
+            through_force=rng.uniform(0, 10),
+            opened=rng.uniform(0, 1, 5),
         )
         for k in range(400)
     ]
@@ -52,8 +54,8 @@ def test_states_come_back_in_single_precision(tmp_path: Path, states: list[World
                 )
         check_pose(after.base_from_object)
         check_pose(after.base_from_wrist)
-    # 45 numbers of four bytes: random ones do not compress
-    assert path.stat().st_size < 400 * 45 * 4 + 5000
+    # 48 numbers of four bytes: random ones do not compress
+    assert path.stat().st_size < 400 * 48 * 4 + 5000
     with np.load(path) as file:
         np.savez(path, **{**file, "version": np.array(7)})
     with pytest.raises(ValueError, match="has version 7, expected 2"):
