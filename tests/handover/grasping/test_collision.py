@@ -23,6 +23,7 @@ from hadr.handover.grasping.grasps import Grasps, Way, forward_of
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import HandoverConfig
+from hadr.simulation.world.scenes import held_scene
 
 FAR = np.array([[5.0, 5.0, 5.0]])
 BALL = LARGE * float(max(FLESH))
@@ -176,3 +177,18 @@ def test_free_of_hand_looks_at_the_whole_way() -> None:
     in_the_way = hand - hand.mean(axis=0) + [-0.07, 0.0, 0.0]  # between pre-grasp and grasp
     assert free_of_hand(grasp(), away)[0]
     assert not free_of_hand(grasp(), in_the_way)[0]
+
+
+@pytest.mark.parametrize(("object_id", "hold"), [("0001", 904), ("0004", 901), ("0010", 900)])
+def test_the_drawn_skin_lies_in_the_flesh_that_the_guard_reckons_with(
+    object_id: str, hold: int
+) -> None:
+    scene = held_scene(object_id, hold)
+    skin = scene.hand(0.006).surface.vertices
+    of_hand = skin[skin[:, 1] > -0.03]  # wrist frame: the forearm has its own radius
+    middles, radii = person(keypoints_from_skeleton(scene.skeleton.joints))
+    away = np.linalg.norm(of_hand[:, None] - middles, axis=2) - radii
+    outside = np.percentile(away.min(axis=1), [50, 95, 99])
+    assert outside[0] < 0
+    assert outside[1] < 0.008
+    assert outside[2] < 0.0112
