@@ -644,6 +644,51 @@ def test_readme_and_chapter_13_say_what_the_attempts_say() -> None:
     assert of["raw"]["interval"][0] > 0.22  # "lies below ours"
 
 
+def test_chapter_13_says_what_a_hand_that_opens_changes() -> None:
+    file, was = read_result_file(RESULTS / "mini" / "handover_opening.json"), handover_rows()
+    now = {row["condition"]: row for row in file.rows}
+    assert set(now) == set(REPRODUCED)
+    assert {row["attempts"] for row in now.values()} == {48}
+    chances = {name: paired(was[name], row)[2] for name, row in now.items()}
+    assert min(chances.values()) > 0.05  # "too few to say"
+    through = max(
+        force for row in now.values() for way, force in row["largest_forces_n"].items()
+        if way.startswith("through")
+    )  # fmt: skip
+    chapter = page_text(CHAPTER_13)
+    assert f"the hand feels {through:.0f} N at most" in chapter
+
+    def both(count: Any) -> list[int]:
+        return [sum(count(of[name]) for name in now) for of in (was, now)]
+
+    won = both(lambda row: row["successes"])
+    assert "take {1} glasses where they took {0}".format(*won) in chapter
+    drops = both(lambda row: row["failures"].get("drop", 0))
+    assert "{} drops became {}".format(*drops) in chapter
+    touched = both(lambda row: row["failures"].get("human contact", 0))
+    assert "touched {1} times where it was {0} times".format(*touched) in chapter
+    torn = [
+        row["incidents"].get("the glass was torn out of the hand", [0, 0])[1]
+        for row in now.values()
+    ]
+    assert f"The hold is torn in {sum(torn)} of {48 * len(now)} attempts" in chapter
+    order = ("perfect", "hadr-plus", "hadr", "raw", "inpainted")
+    counts = [now[name]["successes"] for name in order]
+    assert counts == sorted(counts, reverse=True)  # "the order ... is the same"
+    sensor = now["raw"]
+    assert sensor["points_right_at_grasp"]["success"] > 0.98  # "all"
+    assert sensor["grasp_off"]["success"] == pytest.approx(0.002, abs=5e-4)
+    assert sensor["grasp_off"]["failure"] == pytest.approx(0.032, abs=5e-4)
+    for name in ("unet-hand", "hadr", "hadr-plus", "perfect"):
+        off, right = now[name]["grasp_off"], now[name]["points_right"]
+        assert off["failure"] > 1.4 * off["success"]
+        assert off["failure"] < 0.015
+        assert right["failure"] < right["success"]
+    readme = page_text("README.md")
+    for name in ("perfect", "hadr-plus"):
+        assert f"{was[name]['successes']} became {now[name]['successes']}" in readme
+
+
 def test_chapter_13_says_what_stops_an_attempt() -> None:
     of = attempts_rows()
     for name in ("perfect", "hadr-plus", "hadr"):
@@ -728,6 +773,15 @@ def test_chapter_13_says_what_the_parts_are_worth() -> None:
         handover_rows()["hadr-plus"], handover_rows()["hadr-plus-no-tracking"]
     )
     assert (ahead, behind) == (12, 2)  # exercise 13.2
+
+
+def test_chapter_12_says_what_the_wider_judge_found() -> None:
+    rows = read_result_file(RESULTS / "random_faults_scenes.json").rows
+    assert len({row["scene"] for row in rows}) == 48
+    (found,) = (row for row in rows if row["unsafe"])  # "In the one run that is left"
+    assert "the hand comes" in found["faults"]
+    assert set(found["unsafe"]) == {"into the skin, m"}
+    assert len(rows) == 200  # "Two hundred runs"
 
 
 def test_own_frames_says_how_many_calls_were_tried_to_be_broken() -> None:

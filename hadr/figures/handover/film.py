@@ -87,7 +87,7 @@ def show_run(states: Sequence[WorldState], transitions: Sequence[Transition]) ->
     low.axhline(_LARGEST_FORCE, color=COLORS["truth"], lw=1, ls=":")
     low.text(time[0], _LARGEST_FORCE, f" limit {_LARGEST_FORCE:g} N", va="bottom", fontsize=9)
     largest = max(_LARGEST_FORCE, float(force.max()), float(through.max()))
-    low.set(ylabel="on the hand (N)", ylim=(0, 1.5 * largest))
+    low.set(ylabel="force (N)", ylim=(0, 1.5 * largest))
     taken = np.array([state.holder == "gripper" for state in states])
     if taken.any():
         first = int(np.argmax(taken))
