@@ -26,6 +26,7 @@ PHYSICAL = {
     "hadr.simulation.robot.physical_arm",
     "hadr.simulation.world.physics",
     "hadr.simulation.world.model",
+    "hadr.simulation.world.letting_go",
 }
 ON_PHYSICAL = {
     "hadr.simulation.trials.trial",
