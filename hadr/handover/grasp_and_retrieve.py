@@ -18,7 +18,7 @@ import numpy as np
 
 from hadr.handover import safety, stages
 from hadr.handover.grasping.grasps import FEELING_STEP, forward_of
-from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError, too_near
+from hadr.handover.guarded_arm import GuardedArm, HaltError, too_near
 from hadr.handover.poses import Array, pose_distance
 
 FAR_FROM_GOAL = 0.02
@@ -198,7 +198,7 @@ class Advance:
         assert self._back_to is not None
         soon = forward_of(target, max(self._back_to, self.travelled - c.safety.look_ahead))
         factor = 1.0
-        if arm.free(soon) < arm.free() - NO_NEARER:
+        if arm.nearer(soon):
             factor = arm.allowed([soon], c.safety.grasp_distance, c.advance_speed)
         self.travelled = max(self._back_to, self.travelled - factor * c.advance_speed * dt)
         here = forward_of(target, self.travelled)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hadr.handover import safety, ur5
-from hadr.handover.grasping.collision import hand_distance
+from hadr.handover.grasping.collision import hand_gaps
 from hadr.handover.observation import HandWatch
 from hadr.handover.poses import Array, between, pose_distance, toward
 from hadr.handover.robot import Robot
@@ -152,16 +152,28 @@ class GuardedArm:
         """
         watch = self.watch
         trouble = watch.trouble(now) or watch.problem
-        here, there = (self.free(*poses, hand=watch.last) for poses in ((), path))
-        if there < here - NO_NEARER:
-            least = min(0.0, here - NO_NEARER)
-            if not trouble:
-                return self.allowed(path, least, speed)
-            if there < least:
+        if self.nearer(*path):
+            here, there = (self.free(*poses, hand=watch.last) for poses in ((), path))
+            if here > NO_NEARER and not trouble:
+                return self.allowed(path, 0.0, speed)
+            if here <= NO_NEARER or there < 0:
                 where = f"{1000 * there:.0f} mm from the gripper's path"
-                raise HaltError(f"the hand was last seen {where}; {trouble}", back=True)
+                seen = f"hand {where}, and the way leads nearer"
+                raise HaltError(
+                    f"the hand was last seen {where}; {trouble}" if trouble else seen, back=True
+                )
         self.caution = trouble
         return BLIND if trouble else 1.0
+
+    def nearer(self, *path: Array) -> bool:
+        """Whether a way over tool poses leads nearer to the hand, as it was last seen, than now.
+
+        Of a hand that touches the robot no part may get deeper into it, however deep another is.
+        """
+        if self.watch.last is None:
+            return False
+        here, there = (self._gaps(poses, None, self.watch.last) for poses in ((), path))
+        return bool((np.minimum(here, max(here.min(), 0.0)) - there).max() > NO_NEARER)
 
     def homeward(self, now: float, dt: float) -> bool:
         """Go on home for dt seconds, but not into the hand; True once there."""
@@ -190,15 +202,17 @@ class GuardedArm:
         Left out, poses, opening (metres) and hand are those of now; infinity where none is known.
         """
         hand = self.watch.keypoints if hand is None else hand
-        if hand is None:
-            return np.inf
+        return np.inf if hand is None else float(self._gaps(path, width, hand).min())
+
+    def _gaps(self, path: Sequence[Array], width: float | None, hand: Array) -> Array:
+        """What `free` is the least of: the space to each ball of the person, metres, (m,)."""
         width = self.reading.width if width is None else width
         tool, joints = self.reading.tool, self.reading.joints
         links = ur5.link_surfaces(joints)
         if path:
             ahead = ur5.joints_toward(joints, path[-1] @ np.linalg.inv(tool))
             links = np.concatenate([links, ur5.link_surfaces(ahead)])
-        return hand_distance(np.array(path or [tool]), width, hand, links)
+        return hand_gaps(np.array(path or [tool]), width, hand, links)
 
     def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:
         """Poses from the tool on toward a goal, within so many metres; `look_ahead` if left out."""

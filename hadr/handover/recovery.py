@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from hadr.handover import safety
 from hadr.handover.grasping.grasps import forward_of
-from hadr.handover.guarded_arm import NO_NEARER, GuardedArm
+from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.poses import Array, between, pose_distance
 from hadr.handover.stages import BACK_OFF, GENTLE_FORCE, STAND_TIME
 
@@ -128,9 +128,7 @@ class Recovery:
 
     def _nearer(self, goal: Array) -> bool:
         """Whether the way to a pose (4, 4) leads to the hand, as it was last seen."""
-        arm, hand = self.arm, self.arm.watch.last
-        way = arm.ahead(goal, within=BACK_OFF)
-        return arm.free(*way, hand=hand) < arm.free(hand=hand) - NO_NEARER
+        return self.arm.nearer(*self.arm.ahead(goal, within=BACK_OFF))
 
     def _enter(self, part: str, now: float) -> None:
         self.part, self._since, self._apart_at = part, now, now

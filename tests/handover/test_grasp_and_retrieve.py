@@ -69,6 +69,7 @@ def advancing(config: HandoverConfig, **block: object) -> tuple[Touching, Advanc
     away += 0.01 * np.arange(63).reshape(21, 3) / 63
     watch = SimpleNamespace(
         keypoints=away,
+        last=away,
         problem="",
         age=0.1,
         middle=away.mean(axis=0),
@@ -81,8 +82,9 @@ def advancing(config: HandoverConfig, **block: object) -> tuple[Touching, Advanc
 
 def put_hand(advance: Advance, spot: np.ndarray, aside: np.ndarray) -> None:
     """Put a hand of 2 mm to a spot, whose forearm goes off along a unit vector."""
-    advance.arm.watch.keypoints = spot - 1e-4 * np.arange(21)[:, None] * aside
-    advance.arm.watch.middle = spot
+    watch = advance.arm.watch
+    watch.keypoints = watch.last = spot - 1e-4 * np.arange(21)[:, None] * aside
+    watch.middle = spot
 
 
 def step(advance: Advance, start: np.ndarray) -> np.ndarray | None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hadr.camera import transform_points
 from hadr.handover import ur5
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation
@@ -189,6 +190,19 @@ def test_a_way_off_the_hand_remembers_where_it_was_last_seen() -> None:
     assert arm.leaving(*arm.ahead(off), speed=0.1, now=now) == 0.5
     with pytest.raises(HaltError, match=r"the hand was last seen -\d+ mm from the gripper's path"):
         arm.leaving(*arm.ahead(into), speed=0.1, now=now)
+
+
+def test_no_part_of_a_hand_gets_deeper_because_another_comes_free() -> None:
+    """A thumb is deep in the palm, the way back brings a fingertip from behind into it."""
+    watched = Watched(SimulatedUR5())
+    arm, tool = watched.arm, watched.arm.reading.tool
+    in_tool = np.tile([0.0, 0.0, -0.065], (21, 1)) + 1e-4 * np.arange(21)[:, None] * [0.0, 1.0, 0.0]
+    back = tool @ np.block([[np.eye(3), np.array([[0.0], [0.0], [-0.05]])], [0, 0, 0, 1]])
+    arm.watch.last = arm.watch.keypoints = transform_points(tool, in_tool)
+    assert arm.free(back) > arm.free() and not arm.nearer(back)
+    in_tool[8] = [0.065, 0.0, -0.12]  # beside the palm, where the bar's ends pass
+    arm.watch.last = arm.watch.keypoints = transform_points(tool, in_tool)
+    assert arm.free(back) > arm.free() and arm.nearer(back)
 
 
 @pytest.mark.parametrize(("side", "leaves"), [(1.0, True), (-1.0, False)])

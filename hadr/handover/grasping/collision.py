@@ -75,22 +75,30 @@ def hand_distance(
 ) -> float:
     """Free space between the robot's surface and the skin, metres; 0 or less where they touch.
 
+    The least of `hand_gaps`.
+    """
+    return float(hand_gaps(poses, width, keypoints, links).min())
+
+
+def hand_gaps(poses: Array, width: float, keypoints: Array, links: Array | None = None) -> Array:
+    """Free space between the robot's surface and each ball of a `person`, metres, shape (m,).
+
     Of the gripper, open by a width, at a tool pose (4, 4) or all those on a way (n, 4, 4), and, if
     given, of the arm's capsules (k, 7), see `ur5.link_surfaces`, to a hand's keypoints (21, 3), all
-    in one frame. ValueError where one is no number.
+    in one frame. Below 0 a ball is in the robot, so deep. ValueError where one is no number.
     """
     whole, tools = person(keypoints), np.reshape(poses, (-1, 4, 4))
     gap = _gaps(tools, gripper_boxes(np.full(len(tools), width)), whole[0]) - whole[1]
-    least = float(gap.min())
+    least: Array = gap.min(axis=0)
     if links is not None:
-        least = min(least, links_distance(links, whole))
-    if not np.isfinite(least):
-        raise ValueError(f"the distance to the hand is no number: {least}")
+        least = np.minimum(least, links_gaps(links, whole))
+    if not np.isfinite(least).all():
+        raise ValueError(f"the distance to the hand is no number: {least.min()}")
     return least
 
 
-def links_distance(links: Array, whole: tuple[Array, Array]) -> float:
-    """Free space between capsules (k, 7) of the arm and a `person`'s skin, metres, in one frame."""
+def links_gaps(links: Array, whole: tuple[Array, Array]) -> Array:
+    """Free space between capsules (k, 7) of the arm and each ball of a `person`, metres, (m,)."""
     middles, radii = whole
     start, way = links[:, :3], links[:, 3:6] - links[:, :3]
     from_start = middles - start[:, None]  # (k, m, 3)
@@ -98,8 +106,9 @@ def links_distance(links: Array, whole: tuple[Array, Array]) -> float:
     length = np.maximum(np.einsum("ki,ki->k", way, way), 1e-12)[:, None]
     part = np.clip(along / length, 0.0, 1.0)
     squares = np.einsum("kmi,kmi->km", from_start, from_start) + part * (part * length - 2 * along)
-    gap = np.sqrt(np.maximum(squares, 0.0)) - links[:, 6:] - radii
-    return float(gap.min())
+    gap: Array = np.sqrt(np.maximum(squares, 0.0)) - links[:, 6:] - radii
+    least: Array = gap.min(axis=0)
+    return least
 
 
 def way_to_hand(grasps: Grasps, keypoints: Array, way: Way = PAPER_WAY) -> Array:
@@ -161,14 +170,17 @@ def _count_inside(grasps: Grasps, boxes: Array, points: Array) -> NDArray[np.int
 
 
 def _gaps(poses: Array, boxes: Array, points: Array) -> Array:
-    """Distance of each point (m, 3) from the boxes (n, k, 2, 3) at poses (n, 4, 4): (n, m)."""
+    """Distance of each point (m, 3) from the boxes (n, k, 2, 3) at poses (n, 4, 4): (n, m).
+
+    Inside of a box it is minus the way to its nearest face.
+    """
     turn = poses[:, :3, :3]
     own = np.einsum("nij,ni->nj", turn, poses[:, :3, 3])
     local = points @ turn - own[:, None]  # (n, m, 3)
     nearest = np.full(local.shape[:2], np.inf)
     for i in range(boxes.shape[1]):
         low, high = boxes[:, i, :1], boxes[:, i, 1:]
-        beyond = np.maximum(np.maximum(low - local, local - high), 0.0)
-        nearest = np.minimum(nearest, np.einsum("nmi,nmi->nm", beyond, beyond))
-    gaps: Array = np.sqrt(nearest)
-    return gaps
+        beyond = np.maximum(low - local, local - high)
+        outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=2)
+        nearest = np.minimum(nearest, outside + np.minimum(beyond.max(axis=2), 0.0))
+    return nearest

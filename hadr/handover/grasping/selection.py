@@ -24,7 +24,7 @@ from hadr.handover.grasping.collision import (
     free_of_object,
     free_of_scene,
     hand_distance,
-    links_distance,
+    links_gaps,
     person,
     way_to_hand,
 )
@@ -212,7 +212,7 @@ class _Surroundings:
     def arm_clear(self, pose: Array, clearance: float) -> bool:
         """Whether the arm's links keep off the person with the tool at a pose."""
         links = ur5.link_surfaces(self.robot.joints_at(pose))
-        return links_distance(links, person(self.keypoints)) >= clearance
+        return bool(links_gaps(links, person(self.keypoints)).min() >= clearance)
 
     def hand_leaves(self, grasp: ChosenGrasp) -> bool:
         """Whether the hand that has given can draw back along its forearm past gripper and arm."""

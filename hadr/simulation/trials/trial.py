@@ -14,22 +14,15 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from itertools import combinations
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
-from hadr.camera import transform_points
-from hadr.handover.grasping.grasps import forward_of
-from hadr.handover.grasping.gripper import FINGER_LENGTH
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.logs.run_log import RecordedHandover, RunLog
-from hadr.handover.observation import Observation
-from hadr.handover.poses import Array
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage, Transition
-from hadr.handover.workflow import Handover
 from hadr.records.caches import file_sha256
 from hadr.records.dependencies import code_digest
 from hadr.records.provenance import IF_CHANGED, record_of
@@ -45,9 +38,9 @@ from hadr.simulation.camera.sight import (
     keypoint_uncertainty,
 )
 from hadr.simulation.robot.motion_limits import MotionConfig
+from hadr.simulation.trials.outcome import AFTER_TOUCH, Outcome, Shown, believed_of, reason_of
 from hadr.simulation.world.hand_motions import motion_for
-from hadr.simulation.world.judge import Judge, Verdict
-from hadr.simulation.world.object_parts import distance_outside
+from hadr.simulation.world.judge import Judge
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
@@ -77,10 +70,6 @@ PLANNING_TIME = 0.16
 the measured mean of 27 searches with perfect depth, in processor time on one busy core, in ten
 scenes of which none is the experiment's; but a constant, so that an attempt ends in the same way on
 every machine."""
-AT_GRASP = 0.03
-"""Points of the object this near to the place between the fingers, metres, are those at a grasp."""
-AFTER_TOUCH = 1.0
-"""So long goes an attempt on after the robot has touched the hand, to tell the force, seconds."""
 CONTROL_STEP = 0.02
 """Seconds between two steps of the workflow."""
 SLOWEST_PICTURES = 0.1
@@ -209,53 +198,6 @@ def finds_by_networks(condition: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """How an attempt ended; seconds, metres, newtons.
-
-    Attributes:
-        verdict: The judge's word.
-        reason: In words, in which stage it failed and, as far as the workflow knew, why it was slow
-            or stood.
-        decided_at: Simulated time of the verdict.
-        first_grasp_at: Simulated time at which the first grasp was chosen; NaN without one.
-        grasps_chosen: How often one was chosen.
-        smallest_distance: Of robot and hand.
-        largest_force: Of the robot on the hand, up to `AFTER_TOUCH` after a first touch.
-        motion: Kind of the hand's motion.
-        kind: Kind of the hold.
-        planning_wall_seconds: Mean real time of one search for a grasp; NaN without one.
-        wall_seconds: Real time of the whole attempt.
-        corrections: How often a finger met the object and the gripper went in again beside.
-        forces: Largest force on the hand by way and stage, newtons, such as "touch, Stopped" or
-            "through the glass, Grasp & Retrieve", up to the same time.
-        points_right: Share of the object's points that lie within 2 cm of its true surface, along
-            their rays, when the last grasp was chosen; NaN without one.
-        points_right_at_grasp: The same of those within `AT_GRASP` of the middle between the fingers
-            at the end of the way in; NaN without any.
-        grasp_off: How far that place was from the object, as `distance_outside`.
-        torn: Whether the object was torn out of the hand, which had not let go.
-    """
-
-    verdict: Verdict
-    reason: str
-    decided_at: float
-    first_grasp_at: float
-    grasps_chosen: int
-    smallest_distance: float
-    largest_force: float
-    motion: str
-    kind: str
-    planning_wall_seconds: float
-    wall_seconds: float
-    corrections: int
-    forces: dict[str, float]
-    points_right: float
-    points_right_at_grasp: float
-    grasp_off: float
-    torn: bool
-
-
-@dataclass(frozen=True)
 class Run:
     """An attempt that has been made: what was held out, how it ended, every change of stage.
 
@@ -322,7 +264,7 @@ def run_trial(
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height, trial.time_limit)
     states = [world.state()]
-    shown = _Shown(look(states[0], True), sight.right, states[0].base_from_object)
+    shown = Shown(look(states[0], True), sight.right, states[0].base_from_object)
     arriving, believed = deque([(0, shown)]), (float("nan"),) * 3
     step = ready = 0
     forces: dict[str, float] = {}
@@ -331,7 +273,7 @@ def run_trial(
     ):
         if trial.pictures_by(step) > trial.pictures_by(step - 1):  # the first is there already
             seen = look(states[-1], handover.stage is Stage.WAIT_AND_OBSERVE)
-            new = _Shown(seen, sight.right, states[-1].base_from_object)
+            new = Shown(seen, sight.right, states[-1].base_from_object)
             arriving.append((step + round(trial.latency / CONTROL_STEP), new))
         while arriving and arriving[0][0] <= step:
             _, shown = arriving.popleft()
@@ -341,7 +283,7 @@ def run_trial(
             if len(searches) > searched:
                 ready = step + 1 + round(PLANNING_TIME / CONTROL_STEP)
             if any(t.after is Stage.APPROACH_AND_REACT for t in handover.transitions[before:]):
-                believed = _believed(handover, shown, scene)
+                believed = believed_of(handover, shown, scene)
         world.step(CONTROL_STEP)
         state = world.state()
         states.append(state)
@@ -358,7 +300,7 @@ def run_trial(
     chosen = [t for t in handover.transitions if t.after is Stage.APPROACH_AND_REACT]
     outcome = Outcome(
         verdict=judge.verdict,
-        reason=_reason(judge.verdict, handover),
+        reason=reason_of(judge.verdict, handover),
         decided_at=judge.decided_at,
         first_grasp_at=chosen[0].time if chosen else float("nan"),
         grasps_chosen=len(chosen),
@@ -378,43 +320,3 @@ def run_trial(
     return Run(
         trial, scene, outcome, tuple(states[::2]), tuple(handover.transitions), handover.log()
     )
-
-
-class _Shown(NamedTuple):
-    """What was seen in a picture, which of its points are right, the object's true pose then."""
-
-    observation: Observation
-    right: npt.NDArray[np.bool_] | None
-    base_from_object: Array
-
-
-def _believed(handover: Handover, shown: _Shown, scene: HeldScene) -> tuple[float, float, float]:
-    """What the chosen grasp goes by: right points, those at the grasp, its way from the object."""
-    assert handover.grasp is not None
-    points, right = shown.observation.object_points, shown.right
-    end = handover.config.way.forward - FINGER_LENGTH / 2  # the tool point is at the fingers' tips
-    place = forward_of(handover.grasp.pose, end)[:3, 3]
-    in_object = np.linalg.inv(shown.base_from_object) @ [*place, 1.0]
-    off = distance_outside(scene.item, in_object[:3])
-    if points is None or right is None:
-        return float("nan"), float("nan"), off
-    away = np.linalg.norm(transform_points(handover.base_from_camera, points) - place, axis=1)
-    near = right[away <= AT_GRASP]
-    return float(right.mean()), float(near.mean()) if len(near) else float("nan"), off
-
-
-def _reason(verdict: Verdict, handover: Handover) -> str:
-    """Why an attempt ended as it did, in words; see `Outcome.reason`."""
-    if not handover.transitions:
-        return f"no grasp was chosen: {handover.choosing.caution or handover.caution}"
-    last = handover.transitions[-1].reason
-    if verdict == "success":
-        return "the object is at the goal, still held"
-    stage, part = handover.stage, ""
-    told = stage in (Stage.STOPPED, Stage.FINISHED)  # why it stands there is what entering it said
-    if verdict == "gave up" or (told and verdict != "time-out"):
-        return last
-    if stage in (Stage.GRASP_AND_RETRIEVE, Stage.STOPPED) and handover.part:
-        part = f", {handover.part}"
-    why = last if told else handover.caution
-    return f"{verdict} in {stage.value}{part}" + (f": {why}" if why else "")

@@ -16,7 +16,7 @@ from hadr.handover.grasping.collision import (
     free_of_object,
     free_of_scene,
     hand_distance,
-    links_distance,
+    links_gaps,
     person,
     way_to_hand,
 )
@@ -48,7 +48,7 @@ def points_at(x: float, y: float, z: float, count: int = 10) -> np.ndarray:
         ((0.0, 0.0, 0.05), np.hypot(0.03, 0.05) - BALL),  # before the fingers, 3 cm beside each
         ((0.065, 0.0, -0.03), 0.025 - BALL),  # beside the right finger
         ((0.0, 0.05, -0.10), 0.02 - BALL),  # above the palm, which is 3 cm from the middle
-        ((0.0, 0.0, -0.10), -BALL),  # inside the palm
+        ((0.0, 0.0, -0.10), -0.03 - BALL),  # inside the palm, 3 cm below its top
         ((0.04 + 0.03, 0.0, 0.04), 0.05 - BALL),  # 3 and 4 cm from a fingertip's edge
     ],
 )
@@ -101,9 +101,9 @@ def test_wrist_and_forearm_of_the_arm_count() -> None:
 def test_links_at_a_known_distance() -> None:
     capsule = np.array([[0.0, 0, 0, 0.4, 0, 0, 0.045]])
     beside = np.tile([0.2, 0.1, 0.0], (21, 1))
-    assert links_distance(capsule, person(beside)) == pytest.approx(0.1 - 0.045 - BALL)
+    assert links_gaps(capsule, person(beside)).min() == pytest.approx(0.1 - 0.045 - BALL)
     beyond = np.tile([0.43, 0.04, 0.0], (21, 1))
-    assert links_distance(capsule, person(beyond)) == pytest.approx(0.05 - 0.045 - BALL)
+    assert links_gaps(capsule, person(beyond)).min() == pytest.approx(0.05 - 0.045 - BALL)
 
 
 def test_the_way_counts_and_not_only_its_end() -> None:

@@ -15,14 +15,12 @@ from hadr.handover.poses import camera_at
 from hadr.handover.stages import ChosenGrasp, Stage, Transition
 from hadr.records.result_file import digest
 from hadr.simulation.camera.sight import Fault, broken_sight, keypoint_uncertainty
+from hadr.simulation.trials.outcome import AFTER_TOUCH, Shown, believed_of
 from hadr.simulation.trials.trial import (
-    AFTER_TOUCH,
     ATTEMPT_CONFIG,
     PLANNING_TIME,
     Run,
     Trial,
-    _believed,
-    _Shown,
     run_trial,
 )
 from hadr.simulation.world.judge import Judge
@@ -113,8 +111,8 @@ def test_what_a_chosen_grasp_went_by_is_counted_where_the_fingers_close() -> Non
     glass, height = np.eye(4), 0.05
     radius = scene.item.outer_radius(height)
     glass[:3, 3] = place - [radius + 0.03, 0, height]  # three centimetres beside its wall
-    shown = _Shown(seen, np.array([True, False, False, True]), glass)
-    whole, near, off = _believed(handover, shown, scene)
+    shown = Shown(seen, np.array([True, False, False, True]), glass)
+    whole, near, off = believed_of(handover, shown, scene)
     assert (whole, near) == pytest.approx((2 / 4, 1 / 3))
     assert off == pytest.approx(0.03, abs=2e-3)
 
