@@ -290,7 +290,11 @@ def depth_in(moment: Moment, points: Array) -> float:
     least = FAR
     for frame, solids in near:
         own = transform_points(np.linalg.inv(frame), points)
+        lowest, highest = (np.stack([box[i] for box in solids]) for i in (1, 2))
+        own = own[((own > lowest.min(0) - least) & (own < highest.max(0) + least)).all(axis=1)]
         for faces, low, high in solids:
+            if not len(own):
+                break
             some = own[((own > low - least) & (own < high + least)).all(axis=1)]
             if len(some):  # a convex solid is behind all of its faces
                 gaps = (some @ faces[:, :3].T + faces[:, 3]).max(axis=1)
