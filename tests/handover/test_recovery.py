@@ -199,10 +199,12 @@ def test_no_part_of_a_hand_gets_deeper_because_another_comes_free() -> None:
     in_tool = np.tile([0.0, 0.0, -0.065], (21, 1)) + 1e-4 * np.arange(21)[:, None] * [0.0, 1.0, 0.0]
     back = tool @ np.block([[np.eye(3), np.array([[0.0], [0.0], [-0.05]])], [0, 0, 0, 1]])
     arm.watch.last = arm.watch.keypoints = transform_points(tool, in_tool)
-    assert arm.free(back) > arm.free() and not arm.nearer(back)
+    assert arm.free(back) > arm.free()
+    assert not arm.nearer(back)
     in_tool[8] = [0.065, 0.0, -0.12]  # beside the palm, where the bar's ends pass
     arm.watch.last = arm.watch.keypoints = transform_points(tool, in_tool)
-    assert arm.free(back) > arm.free() and arm.nearer(back)
+    assert arm.free(back) > arm.free()
+    assert arm.nearer(back)
 
 
 @pytest.mark.parametrize(("side", "leaves"), [(1.0, True), (-1.0, False)])

@@ -256,6 +256,57 @@ def test_similarity_of_a_triangle_by_hand() -> None:
     np.testing.assert_allclose(plain.shift, [1 / 3, 7 / 3, 3], atol=1e-12)
 
 
+#: Where a camera was, by ORB-SLAM without a scale and by RGBD-SLAM in metres, in the sequence
+#: freiburg1_xyz of the TUM RGB-D benchmark (CC BY 4.0): every key frame of the one with the other's
+#: picture of the same time, within 12 ms, but for some beside each other. As evo 1.x ships them.
+FREIBURG1_XYZ = """
+0.0000000 0.0000000 0.0000000 1.293527 0.551059 1.586675
+-0.2066195 0.0058942 0.0193612 1.256694 0.311319 1.555201
+-0.2087584 0.0090197 0.0199990 1.255807 0.306215 1.553067
+-0.1614287 0.0073436 0.0243542 1.252055 0.359046 1.551359
+0.2260392 -0.0078281 0.0022477 1.291565 0.782220 1.581513
+0.2659973 -0.0192802 0.0074831 1.277026 0.837864 1.595359
+0.3064566 -0.0183126 0.0036555 1.279501 0.875847 1.603818
+0.3249032 -0.0187679 0.0036909 1.279700 0.897103 1.606601
+0.3788669 -0.0145191 -0.0012441 1.302869 0.957072 1.600585
+0.3657528 -0.0065232 0.0087311 1.297744 0.949116 1.590002
+0.2220759 -0.0152686 -0.0001081 1.291007 0.787533 1.600962
+-0.2207480 -0.0060303 0.0498116 1.232139 0.303276 1.543475
+0.3268469 -0.0069696 0.0788839 1.250934 0.915962 1.519006
+0.2590157 -0.0010426 0.0707565 1.249941 0.843338 1.529529
+0.1420837 0.0024402 0.0650192 1.249989 0.698951 1.534107
+0.0153449 0.1887853 0.0408669 1.394211 0.553731 1.423486
+0.0289175 -0.2433002 0.1266889 1.016164 0.584832 1.663585
+0.0169097 0.1911397 0.0551786 1.378320 0.551872 1.413153
+0.0242387 0.2408000 0.0495608 1.429063 0.560895 1.361889
+0.0299273 -0.1633672 0.1288760 1.066625 0.581103 1.605036
+0.0268792 -0.2026180 0.1351542 1.033086 0.573705 1.627428
+0.0436686 0.1179784 0.0843946 1.308077 0.583457 1.434424
+"""
+
+
+@pytest.mark.parametrize(
+    ("scaled", "scale", "shift", "error"),
+    [
+        (True, 1.0912638, [1.283784, 0.541236, 1.583524], 0.0126661),
+        (False, 1.0, [1.281666, 0.550581, 1.580645], 0.0240323),
+    ],
+)
+def test_similarity_of_published_trajectories(
+    scaled: bool, scale: float, shift: list[float], error: float
+) -> None:
+    """The values are an iterative fit's (scipy's least_squares from eight random rotations)."""
+    points = np.array(FREIBURG1_XYZ.split(), dtype=np.float64).reshape(-1, 6)
+    before, after = points[:, :3], points[:, 3:]
+    found = best_similarity(before, after, scaled=scaled)
+    assert found.scale == pytest.approx(scale, abs=1e-7)
+    np.testing.assert_allclose(found.shift, shift, atol=1e-6)
+    turn = [[0.06157, 0.717975, -0.693341], [0.99799, -0.033859, 0.053561]]
+    np.testing.assert_allclose(found.rotation[:2], turn, atol=1e-6)
+    misses = found.scale * before @ found.rotation.T + found.shift - after
+    assert np.sqrt((misses**2).sum(axis=1).mean()) == pytest.approx(error, abs=1e-7)
+
+
 def test_points_of_no_weight_do_not_turn_the_similarity() -> None:
     before = np.vstack([np.eye(3), np.zeros(3)])
     after = before.copy()
