@@ -230,8 +230,9 @@ def _draw_pairs(sheet: Sheet, e: _Example) -> None:
     ax.plot(*np.stack([np.zeros(2), _side(point / point[2] * 2.3)]).T, color=RAY, lw=1.8)
     ax.plot(0, 0, marker=">", ms=11, color=INK)
     ax.text(0.05, -0.04, "camera", fontsize=FONT, color=INK, va="top", ha="center")
-    middle = places[:, 1].mean() + 0.05
-    ax.set(xlim=(-0.06, 2.22), ylim=(middle - 0.38, middle + 0.38), aspect="equal")
+    edge = size / 2 + 0.01
+    lowest, highest = places[:, 1].min() - edge, places[:, 1].max() + edge
+    ax.set(xlim=(-0.06, 2.22), ylim=(lowest, highest), aspect="equal")
     ax.axis("off")
     words = "a pixel's ray, and each voxel with measured points on it: pairs"
     sheet.write(left + 0.14, bottom + 0.17, words)
