@@ -23,7 +23,7 @@ from hadr.handover.stages import ARRIVE_ANGLE, ARRIVE_DISTANCE, CRAWL_SPEED, Han
 
 NO_NEARER = 0.004
 """Beside a hand that touches the gripper the arm may move, but not nearer by more, metres."""
-BLIND = 0.5
+UNSEEN = 0.5
 """Part of the speed on the ways back while the camera shows no hand."""
 LEAD, LEAD_ANGLE = 0.05, 0.3
 """The reference runs ahead of the tool by no more than this, metres and radians."""
@@ -146,9 +146,9 @@ class GuardedArm:
         return factor
 
     def leaving(self, *path: Array, speed: float, now: float) -> float:
-        """Part of a speed on a way off the hand, over tool poses: `BLIND` where none is seen.
+        """Part of a speed on a way off the hand, over tool poses: `UNSEEN` where none is seen.
 
-        HaltError where it leads into the hand, or into where one was last seen.
+        HaltError where it leads into the hand, or near to where one was last seen.
         """
         watch = self.watch
         trouble = watch.trouble(now) or watch.problem
@@ -156,14 +156,14 @@ class GuardedArm:
             here, there = (self.free(*poses, hand=watch.last) for poses in ((), path))
             if here > NO_NEARER and not trouble:
                 return self.allowed(path, 0.0, speed)
-            if here <= NO_NEARER or there < 0:
+            if here <= NO_NEARER or there < self.config.safety.approach_distance:
                 where = f"{1000 * there:.0f} mm from the gripper's path"
                 seen = f"hand {where}, and the way leads nearer"
                 raise HaltError(
                     f"the hand was last seen {where}; {trouble}" if trouble else seen, back=True
                 )
         self.caution = trouble
-        return BLIND if trouble else 1.0
+        return UNSEEN if trouble else 1.0
 
     def nearer(self, *path: Array) -> bool:
         """Whether a way over tool poses leads nearer to the hand, as it was last seen, than now.

@@ -135,6 +135,7 @@ class HandWatch:
         self.frame_time, self._frame_came = taken, now
         self.keypoints, self.problem = None, "no hand in the picture"
         if observation.keypoints is None:
+            self._equal = 1
             return True
         self.problem = hand_problem(observation.keypoints)
         if self.problem:
@@ -180,20 +181,18 @@ class HandWatch:
         times = np.array([p[0] for p in recent])
         return line_velocity(times, np.stack([p[1] for p in recent]))
 
-    def camera_trouble(self, now: float) -> str:
-        """Say that the camera has stopped at the workflow's time, seconds, or nothing."""
+    def blind(self, now: float) -> str:
+        """Say that at a time in seconds nothing comes from the camera, or always the same."""
         silent = now - (self._started if np.isnan(self._frame_came) else self._frame_came)
         if silent >= self.config.camera_silent_after - 1e-9:
             return f"the camera stopped: no new picture for {silent:.2f} s"
+        if self._equal >= self.config.frozen_frames:
+            return f"keypoints frozen: the same in {self._equal} pictures in a row"
         return ""
 
     def trouble(self, now: float) -> str:
         """Why the robot may not move on what is seen at a time in seconds, or an empty string."""
-        if self.camera_trouble(now):
-            return self.camera_trouble(now)
         lost = now - (self._started if np.isnan(self._hand_came) else self._hand_came)
-        if lost >= self.config.hand_lost_after - 1e-9:
-            return f"no hand seen for {lost:.2f} s: {self.problem}"
-        if self._equal >= self.config.frozen_frames:
-            return f"keypoints frozen: the same in {self._equal} pictures in a row"
-        return ""
+        unseen = lost >= self.config.hand_lost_after - 1e-9
+        words = f"no hand seen for {lost:.2f} s: {self.problem}" if unseen else ""
+        return self.blind(now) or words

@@ -339,12 +339,15 @@ class Handover:
         self._enter(Stage.GOING_HOME, reason + (f"; {why}" if why else ""))
 
     def _go_home(self, dt: float) -> None:
-        if self.arm.homeward(self.time, dt):
+        self.caution = self.watch.blind(self.time)  # with nothing to carry away it stands then
+        if self.caution:
+            self.arm.hold(dt)
+        elif self.arm.homeward(self.time, dt):
             self.robot.stop()
             self._enter(Stage.GAVE_UP, "at home without the object")
-        elif self.time - self._entered > stages.HOME_TIMEOUT:
+        if not self.over and self.time - self._entered > stages.HOME_TIMEOUT:
             raise HaltError(f"home not reached within {stages.HOME_TIMEOUT:.0f} s")
-        self.caution = self.arm.caution
+        self.caution = self.caution or self.arm.caution
 
     def _enter(self, stage: Stage, reason: str) -> None:
         if stage is not Stage.GAVE_UP and stage not in stages.CHANGES[self.stage]:

@@ -184,6 +184,18 @@ def test_a_camera_that_stops_on_the_way_back_slows_it(hangs: bool, expected: flo
     assert carried[0] - begun[0].time == pytest.approx(expected, abs=0.12)
 
 
+def test_without_pictures_it_stands_and_does_not_go_home() -> None:
+    """Nobody knows where the hand is by now; a person has to look after the camera."""
+    handover = fixed_handover()
+    moments = run(
+        handover, spoil=lambda seen: replace(seen, frame_time=min(seen.taken, 1.0)), longest=60
+    )
+    assert afters(handover)[-2:] == [Stage.GOING_HOME, Stage.GAVE_UP]
+    assert "home not reached" in handover.transitions[-1].reason
+    held = [m.joints for m in moments if m.time > 1.5]
+    assert np.abs(np.diff(held, axis=0)).max() < 1e-9
+
+
 def test_another_holding_pose_is_observed_again() -> None:
     def spread(seen: Observation) -> Observation:
         assert seen.keypoints is not None
