@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from scipy.stats import binomtest
+from scipy.stats import binomtest, false_discovery_control
 
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.experiments.conditions import IN_CONDITIONS, LONG, WITH_HAND
@@ -580,6 +582,7 @@ def test_chapter_6_says_of_each_network_that_misses_what_lies_within_its_reach()
 
 
 SEEDS = RESULTS / "mini" / "handover_seeds.json"
+WATCHED = RESULTS / "mini" / "handover_watched.json"
 
 
 def handover_rows() -> dict[str, dict[str, Any]]:
@@ -615,128 +618,122 @@ CHAPTER_13 = "notebooks/text/13_handover_experiment.md"
 def test_readme_and_chapter_13_say_what_the_attempts_say() -> None:
     of, first = attempts_rows(), handover_rows()
     readme, chapter = page_text("README.md"), page_text(CHAPTER_13)
+    (tried,) = {of[name]["attempts"] for name in ("unet-hand", "hadr", "hadr-plus", "perfect")}
+    assert f"Of [{tried} attempts](results/mini/handover_seeds.json)" in readme
+    assert f"cannot be told from {tried} attempts" in chapter
     assert (
         f"it succeeds in {percent(of['perfect'])} with perfect depth, "
         f"{percent(of['unet-hand'])} with the U-Net's, {percent(of['hadr-plus'])} with "
         f"HADR-plus's, {percent(of['hadr'])} with HADR's and {percent(of['raw'])} with the "
         "sensor's" in readme
     )
-    counts = [of[name]["attempts"] for name in ("unet-hand", "hadr", "hadr-plus", "perfect", "raw")]
-    assert counts == [480, 480, 480, 480, 240]
     assert (
         f"with HADR it takes {percent(of['hadr'])} of the glasses, with the sensor's own depth "
         f"{percent(of['raw'])}" in chapter
     )
     won = {name: row["successes"] for name, row in first.items()}
-    assert f"{won['hadr']} glasses against the sensor's {won['raw']}" in chapter
+    assert f"not tell HADR, {won['hadr']} glasses, from the sensor, {won['raw']}" in chapter
     networks = f"[{won['hadr-plus-networks']} of the first 48](results/mini/handover.json) succeed"
     assert networks in readme
     assert f"HADR-plus's depth ({won['hadr-plus']} otherwise)" in readme
-    for better, worse in (("hadr", "raw"), ("hadr-plus", "hadr"), ("unet-hand", "hadr"),
-                          ("perfect", "hadr-plus"), ("perfect", "unet-hand"),
-                          ("raw", "inpainted")):  # fmt: skip
-        ahead, behind, chance = paired(of[better], of[worse])
-        assert ahead > behind, (better, worse)
-        assert chance < (0.05 if better == "perfect" else 0.05 / 7), (better, worse)
-    assert paired(of["unet-hand"], of["hadr-plus"])[2] > 0.05  # "cannot be told"
-    low, high = of["hadr"]["interval"]
-    assert low < 0.57 < high < 0.71  # the paper's "57 to 82 % ... meets our rate for HADR"
-    assert of["raw"]["interval"][0] > 0.22  # "lies below ours"
+    pairs = (("perfect", "hadr-plus"), ("perfect", "unet-hand"), ("unet-hand", "hadr-plus"),
+             ("unet-hand", "hadr"), ("hadr-plus", "hadr"), ("hadr", "raw"),
+             ("raw", "inpainted"))  # fmt: skip
+    chances = false_discovery_control([paired(of[one], of[other])[2] for one, other in pairs])
+    assert all(chances[:3] > 0.3)  # "cannot be told"
+    assert all(chances[3:] < 0.05)
+    alone = false_discovery_control([paired(first[a], first[b])[2] for a, b in pairs])
+    assert alone[5] > 0.05  # "the first 48 attempts alone could not tell"
+    for name, words in (
+        ("hadr", "meets ours for HADR, {} to {};"),
+        ("raw", "meets ours, {} to {}."),
+    ):
+        ends = (round(100 * end) for end in of[name]["interval"])
+        assert words.format(*ends) in chapter
 
 
-def test_chapter_13_says_what_a_hand_that_opens_changes() -> None:
-    file, was = read_result_file(RESULTS / "mini" / "handover_opening.json"), handover_rows()
-    now = {row["condition"]: row for row in file.rows}
-    assert set(now) == set(REPRODUCED)
-    assert {row["attempts"] for row in now.values()} == {48}
-    chances = {name: paired(was[name], row)[2] for name, row in now.items()}
-    assert min(chances.values()) > 0.05  # "too few to say"
-    through = max(
-        force for row in now.values() for way, force in row["largest_forces_n"].items()
-        if way.startswith("through")
-    )  # fmt: skip
-    chapter = page_text(CHAPTER_13)
-    assert f"the hand feels {through:.0f} N at most" in chapter
-
-    def both(count: Any) -> list[int]:
-        return [sum(count(of[name]) for name in now) for of in (was, now)]
-
-    won = both(lambda row: row["successes"])
-    assert "take {1} glasses where they took {0}".format(*won) in chapter
-    drops = both(lambda row: row["failures"].get("drop", 0))
-    assert "{} drops became {}".format(*drops) in chapter
-    touched = both(lambda row: row["failures"].get("human contact", 0))
-    assert "touched {1} times where it was {0} times".format(*touched) in chapter
-    torn = [
-        row["incidents"].get("the glass was torn out of the hand", [0, 0])[1]
-        for row in now.values()
-    ]
-    assert f"The hold is torn in {sum(torn)} of {48 * len(now)} attempts" in chapter
-    order = ("perfect", "hadr-plus", "hadr", "raw", "inpainted")
-    counts = [now[name]["successes"] for name in order]
-    assert counts == sorted(counts, reverse=True)  # "the order ... is the same"
-    sensor = now["raw"]
-    assert sensor["points_right_at_grasp"]["success"] > 0.98  # "all"
-    assert sensor["grasp_off"]["success"] == pytest.approx(0.002, abs=5e-4)
-    assert sensor["grasp_off"]["failure"] == pytest.approx(0.032, abs=5e-4)
-    for name in ("unet-hand", "hadr", "hadr-plus", "perfect"):
-        off, right = now[name]["grasp_off"], now[name]["points_right"]
-        assert off["failure"] > 1.4 * off["success"]
+def test_chapter_13_says_what_the_robot_went_by() -> None:
+    of, chapter = attempts_rows(), page_text(CHAPTER_13)
+    sensor = of["raw"]
+    assert sensor["points_right_at_grasp"]["success"] > 0.95  # "nearly all"
+    off = sensor["grasp_off"]
+    assert f"that place is {1000 * off['success']:.0f} mm from the glass" in chapter
+    assert f"reaches for a place {100 * off['failure']:.0f} cm beside it" in chapter
+    for name in ("unet-hand", "hadr", "hadr-plus"):
+        off, right = of[name]["grasp_off"], of[name]["points_right"]
+        assert off["failure"] > 1.3 * off["success"]
         assert off["failure"] < 0.015
         assert right["failure"] < right["success"]
-    readme = page_text("README.md")
-    for name in ("perfect", "hadr-plus"):
-        assert f"{was[name]['successes']} became {now[name]['successes']}" in readme
+
+
+def test_what_was_seen_of_failures_is_of_the_tables_attempts() -> None:
+    rows, first = read_result_file(WATCHED).rows, handover_rows()
+    for condition in ("perfect", "hadr-plus"):
+        failed = {n: v for n, v in first[condition]["verdicts"].items() if v != "success"}
+        seen = {row["attempt"]: row["verdict"] for row in rows if row["condition"] == condition}
+        assert seen == failed
+    causes = Counter(row["cause"] for row in rows if row["condition"] == "perfect")
+    slow = ("withdrawn", "late grasp", "hand in the way", "no way in", "beyond the reach")
+    assert sum(causes[cause] for cause in slow) == 11  # "the clock ends eleven of 17"
+    assert (causes["stepped aside"], causes["slipped"], causes.total()) == (3, 3, 17)
+    causes = Counter(row["cause"] for row in rows if row["condition"] == "hadr-plus")
+    assert (causes["slipped"], causes["pushed"], causes.total()) == (9, 2, 18)
 
 
 def test_chapter_13_says_what_stops_an_attempt() -> None:
-    of = attempts_rows()
+    of, chapter = attempts_rows(), page_text(CHAPTER_13)
+    never, others = [], []
     for name in ("perfect", "hadr-plus", "hadr"):
         won, tried = of[name]["incidents"]["never stopped"]
-        assert won / tried > of[name]["rate"] + 0.15
-    won, tried = of["perfect"]["incidents"]["never stopped"]
-    assert won / tried > 0.92  # "nearly all"
-    rates = of["perfect"]["rate_by_object"]
-    easier = [rate for name, rate in rates.items() if name not in ("0008", "0012")]
-    assert f"without mug and coupe it takes {100 * sum(easier) / 6:.0f}" in page_text(CHAPTER_13)
-    missed = [
-        of[name]["incidents"]["nothing was between the fingers"][1] for name in ("hadr", "perfect")
-    ]
-    assert missed[0] / missed[1] == pytest.approx(7, abs=0.5)  # "seven times as often"
-    for name in ("unet-hand", "hadr", "hadr-plus"):  # "fewer right points, but not many fewer"
-        right = of[name]["points_right"]
-        assert 0.05 < right["success"] - right["failure"] < 0.15
-    right = of["raw"]["points_right"]
-    assert abs(right["success"] - right["failure"]) < 0.03  # "in a third of its points"
-    assert right["success"] == pytest.approx(1 / 3, abs=0.03)
+        never.append(round(100 * won / tried))
+        others.append(round(100 * (of[name]["successes"] - won) / (of[name]["attempts"] - tried)))
+    assert (
+        "{} of a hundred succeed with perfect depth, {} with HADR-plus's and {} with HADR's; "
+        "of the others {}, {} and {}.".format(*never, *others)
+        in chapter
+    )
+    drops = [of[name]["failures"]["drop"] for name in ("hadr", "perfect")]
+    tried = of["hadr"]["attempts"]
+    assert f"{drops[0]} of {tried}, where perfect depth has {drops[1]}" in chapter
+    new = ("0010", "0011", "0012")
+    mean = {
+        name: [
+            np.mean(
+                [rate for one, rate in of[name]["rate_by_object"].items() if (one in new) is novel]
+            )
+            for novel in (True, False)
+        ]
+        for name in ("unet-hand", "hadr", "hadr-plus")
+    }
+    assert "{:.0f} % against {:.0f}".format(*(100 * x for x in mean["hadr-plus"])) in chapter
+    for name in ("unet-hand", "hadr"):
+        assert mean[name][0] > mean[name][1]  # "no less"
 
 
 def test_chapter_13_says_how_hard_the_hand_is_touched() -> None:
-    of, first = attempts_rows(), handover_rows()
+    of, first, chapter = attempts_rows(), handover_rows(), page_text(CHAPTER_13)
     kinds = [of[name] for name in ("unet-hand", "hadr", "hadr-plus", "perfect", "raw")]
-    for row in kinds:  # "in one to three attempts of a hundred"
-        assert 0.005 < row["failures"].get("human contact", 0) / row["attempts"] < 0.035
-        assert row["largest_force_n"] < 20  # "stays below our limit of 20 N"
-        assert max(row["largest_forces_n"].values()) < 20
-    through = max(
-        force for row in kinds for way, force in row["largest_forces_n"].items()
-        if way.startswith("through")
-    )  # fmt: skip
-    assert f"up to {through:.0f} N" in page_text(CHAPTER_13)
+    for row in kinds:  # "in at most three attempts of a hundred"
+        assert row["failures"].get("human contact", 0) / row["attempts"] < 0.035
+    table = [*kinds, of["inpainted"], *(row for n, row in of.items() if n.endswith("-networks"))]
+    forces = [(way, force) for row in table for way, force in row["largest_forces_n"].items()]
+    largest = {w: max(f for way, f in forces if way.startswith(w)) for w in ("touch", "through")}
+    assert f"a touch came to {largest['touch']:.0f} N at most" in chapter
+    assert f"with up to {largest['through']:.0f} N" in chapter
+    hard = {name: row["largest_force_n"] for name, row in of.items() if row["largest_force_n"] > 20}
+    assert list(hard) == ["hadr-plus-no-tracking"]  # "and once, ... without following"
+    assert f"closed on the hand beside it, with {hard['hadr-plus-no-tracking']:.0f} N" in chapter
     seen = [name for name in of if name.endswith("-networks")]
-    assert sum(of[name]["attempts"] for name in seen) == 288
     told = {name: first[name.removesuffix("-networks")]["verdicts"] for name in seen}
     touches = [
         (verdict == "human contact", told[name][attempt] == "human contact")
         for name in seen for attempt, verdict in of[name]["verdicts"].items()
     ]  # fmt: skip
-    assert [sum(side) for side in zip(*touches, strict=True)] == [18, 3]  # "in 18 of 288"
+    counts = [sum(side) for side in zip(*touches, strict=True)]
     alone = touches.count((True, False)), touches.count((False, True))
-    assert f"{binomtest(alone[0], sum(alone)).pvalue:.3f}" == "0.001"
-    later = [
-        of[f"{name}-networks"]["failures"]["human contact"] for name in ("hadr", "raw", "inpainted")
-    ]
-    assert (sum(later), f"{binomtest(8, 8 + 3).pvalue:.2f}") == (8, "0.23")  # "of the other"
+    chance = binomtest(alone[0], sum(alone)).pvalue
+    words = "in {1} of {0}, with the simulator's in {2} of the same {0} (p = {3:.3f})"
+    assert words.format(len(touches), *counts, chance) in chapter
     record = json.loads(
         (ROOT / "data_samples/checkpoints/hand-keypoints-handover.json").read_text("utf-8")
     )
@@ -745,7 +742,7 @@ def test_chapter_13_says_how_hard_the_hand_is_touched() -> None:
 
 
 def test_chapter_13_says_what_the_parts_are_worth() -> None:
-    of = attempts_rows()
+    of, first = attempts_rows(), handover_rows()
 
     def chance(one: str, other: str) -> float:
         return paired(of[one], of[other])[2]
@@ -759,29 +756,13 @@ def test_chapter_13_says_what_the_parts_are_worth() -> None:
     assert doubt < 0.05 / 6  # "helps, where the depth is good"
     assert chance("hadr", "hadr-no-tracking") > 0.05
     assert chance("hadr-plus", "hadr-plus-no-rescoring") > 0.05  # "can't be seen to"
-    for name in ("perfect", "unet-hand", "hadr-plus", "hadr"):  # "cannot show it"
+    for name in ("perfect", "hadr-plus"):  # "cannot show it"
         assert chance(name, f"{name}-networks") > 0.5
-    sensor = of["raw-networks"]
-    told = [of["raw"]["verdicts"][name] for name in sensor["verdicts"]].count("success")
-    words = f"takes {sensor['successes']} glasses with them where it took {told},"
-    assert words in page_text(CHAPTER_13)
-    assert 0.05 < chance("raw", "raw-networks") < 0.1  # "which may be chance"
     follows, stays = (of[name]["by_motion"] for name in ("hadr-plus", "hadr-plus-no-tracking"))
     for kind in ("step-aside", "give-and-withdraw"):  # "little is left without following"
         assert stays[kind][0] / stays[kind][1] < 0.6 * follows[kind][0] / follows[kind][1]
-    ahead, behind, _ = paired(
-        handover_rows()["hadr-plus"], handover_rows()["hadr-plus-no-tracking"]
-    )
-    assert (ahead, behind) == (12, 2)  # exercise 13.2
-
-
-def test_chapter_12_says_what_the_wider_judge_found() -> None:
-    rows = read_result_file(RESULTS / "random_faults_scenes.json").rows
-    assert len({row["scene"] for row in rows}) == 48
-    (found,) = (row for row in rows if row["unsafe"])  # "In the one run that is left"
-    assert "the hand comes" in found["faults"]
-    assert set(found["unsafe"]) == {"into the skin, m"}
-    assert len(rows) == 200  # "Two hundred runs"
+    ahead, behind, _ = paired(first["hadr-plus"], first["hadr-plus-no-rescoring-no-tracking"])
+    assert (ahead, behind) == (13, 2)  # exercise 13.2
 
 
 def test_own_frames_says_how_many_calls_were_tried_to_be_broken() -> None:
@@ -880,26 +861,19 @@ def test_chapter_13_says_what_makes_it_worse() -> None:
     for row in (*fast, *late, *rates):  # "24 attempts cannot tell it from nothing"
         assert paired(plain, row)[2] > 0.05
     assert [touched(row) for row in (*fast, *late)] == [1, 1, 1, 0]
-    patient = next(row for row in rows if row["time_limit"] == 26)
-    assert patient["successes"] - handover_rows()["perfect"]["successes"] == 4  # "four more"
     assert touched(plain) == 0
 
 
 def test_chapter_13_says_what_a_restless_hand_costs() -> None:
     rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
     restless = {row["condition"]: row for row in rows if row["restless"]}
-    table = handover_rows()
-    won = [(of["perfect"]["successes"], of["hadr"]["successes"]) for of in (table, restless)]
-    assert won == [(36, 22), (25, 15)]
+    assert (restless["perfect"]["successes"], restless["hadr"]["successes"]) == (25, 15)
     follows, stays = restless["hadr-plus"], restless["hadr-plus-no-tracking"]
     assert (follows["successes"], stays["successes"]) == (23, 13)
     ahead, behind, chance = paired(follows, stays)
     assert (ahead, behind, f"{chance:.2f}") == (13, 3, "0.02")
-    moving = [
-        sum(of["perfect"]["by_motion"][kind][0] for kind in ("drift", "swing", "turn"))
-        for of in (table, restless)
-    ]
-    assert moving == [19, 8]  # of 24
+    moving = restless["perfect"]["by_motion"]
+    assert sum(moving[kind][0] for kind in ("drift", "swing", "turn")) == 8  # of 24
     last = restless["perfect"]["time_out_in"]["Grasp & Retrieve"]
     assert last > sum(restless["perfect"]["failures"].values()) / 2  # "most of the failures"
     touches = [n for n in restless["perfect"]["largest_forces_n"] if n.startswith("touch")]
@@ -940,10 +914,14 @@ def test_the_first_pages_film_is_what_its_words_say() -> None:
 
 def test_what_chapter_12_says_of_random_faults_is_so() -> None:
     rows = read_result_file(ROOT / "results" / "random_faults.json").rows
-    # "One run counts as unsafe", and came "2.5 cm nearer"
-    found = [row for row in rows if row["unsafe"]]
-    assert (len(rows), len(found)) == (1000, 1)
-    for row in found:
-        assert row["unsafe"] == {"toward a hand unseen, m": pytest.approx(0.025, abs=5e-4)}
-        assert "the hand comes" in row["faults"]
+    assert len({row["scene"] for row in rows}) == 48
+    assert len(rows) == 1000
+    found = {row["run"]: row for row in rows if row["unsafe"]}
+    assert list(found) == [642, 994, 998]  # "Three of these runs", "the last 160 ... with that"
+    passed = found.pop(642)
+    assert passed["unsafe"] == {"toward a hand unseen, m": pytest.approx(0.027, abs=5e-4)}
+    assert {"pictures hang", "the hand comes"} <= set(passed["faults"])
+    deep = [round(1000 * row["unsafe"]["into the skin, m"]) for row in found.values()]
+    assert deep == [29, 25]
+    assert all("the hand comes" in row["faults"] for row in found.values())
     assert all(1 <= len(row["faults"]) <= 3 for row in rows)

@@ -52,8 +52,8 @@ SEEN = ("raw", "hadr", "hadr-plus", "perfect")
 FILMED = tuple(_SOURCES)
 """... and those of its films, ..."""
 FILMED_PARTS = (
-    *("hadr-plus-no-tracking", "hadr-plus-no-rescoring"),
-    *("hadr-plus-networks", "perfect-networks"),
+    *("hadr-plus-no-tracking", "hadr-plus-no-rescoring", "hadr-plus-no-rescoring-no-tracking"),
+    *("hadr-no-tracking", "hadr-no-rescoring", "hadr-plus-networks", "perfect-networks"),
 )
 """... the same attempts without a part of the method, and with networks' masks and keypoints."""
 WORSE: dict[str, tuple[str, float | None]] = {
