@@ -678,6 +678,8 @@ def test_what_was_seen_of_failures_is_of_the_tables_attempts() -> None:
     assert (causes["stepped aside"], causes["slipped"], causes.total()) == (3, 3, 17)
     causes = Counter(row["cause"] for row in rows if row["condition"] == "hadr-plus")
     assert (causes["slipped"], causes["pushed"], causes.total()) == (9, 2, 18)
+    slipped = [r["seen"] for r in rows if (r["condition"], r["cause"]) == ("hadr-plus", "slipped")]
+    assert sum("by the edge" in seen for seen in slipped) == 5  # "five of them held by an edge"
 
 
 def test_chapter_13_says_what_stops_an_attempt() -> None:
@@ -759,8 +761,13 @@ def test_chapter_13_says_what_the_parts_are_worth() -> None:
     for name in ("perfect", "hadr-plus"):  # "cannot show it"
         assert chance(name, f"{name}-networks") > 0.5
     follows, stays = (of[name]["by_motion"] for name in ("hadr-plus", "hadr-plus-no-tracking"))
-    for kind in ("step-aside", "give-and-withdraw"):  # "little is left without following"
-        assert stays[kind][0] / stays[kind][1] < 0.6 * follows[kind][0] / follows[kind][1]
+    elsewhere, moving = (
+        [sum(row[kind][0] for kind in kinds) for row in (follows, stays)]
+        for kinds in (("step-aside", "give-and-withdraw"), ("drift", "swing"))
+    )
+    words = "it takes {} of 32 glasses, and {} without following; of hands that drift or swing "
+    words += "{}, and {}."
+    assert words.format(*elsewhere, *moving) in page_text(CHAPTER_13)
     ahead, behind, _ = paired(first["hadr-plus"], first["hadr-plus-no-rescoring-no-tracking"])
     assert (ahead, behind) == (13, 2)  # exercise 13.2
 

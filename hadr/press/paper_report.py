@@ -187,7 +187,7 @@ def _handover(file: ResultFile, paper: Mapping[str, Any], size: str) -> str:
         "The paper's attempts were made by a real arm and a real hand, with grasps of GraspNet; "
         "ours by simulated ones, with the simulator's masks and keypoints, made noisy, and with "
         "grasps of a sampler of our own. So only the rates' order may be compared, and not that of "
-        "rates as near as these of 48 attempts: chapter 13 has up to 480 of some, the rows of "
+        "rates as near as these of 48 attempts: chapter 13 has more of some, the rows of "
         "`mini/handover_seeds.json`. The last three columns count the objects of which more than "
         "half, more than 80 %, or all attempts succeed."
     )
