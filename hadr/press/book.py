@@ -211,7 +211,7 @@ def _name_fold(cell: Any) -> None:
         )
         words = f"Code: {what}"
     if any(tag.startswith("hide-") for tag in tags):
-        shown = metadata.get("mystnb", {}) | {"code_prompt_show": words, "code_prompt_hide": words}
+        shown = {"code_prompt_show": words, "code_prompt_hide": words} | metadata.get("mystnb", {})
         metadata.update(tags=tags, mystnb=shown)
 
 
