@@ -148,7 +148,8 @@ class GuardedArm:
     def leaving(self, *path: Array, speed: float, now: float) -> float:
         """Part of a speed on a way off the hand, over tool poses: `UNSEEN` where none is seen.
 
-        HaltError where it leads into the hand, or near to where one was last seen.
+        HaltError where it leads into the hand, nearer to one within `NO_NEARER`, or near to where
+        one was last seen.
         """
         watch = self.watch
         trouble = watch.trouble(now) or watch.problem

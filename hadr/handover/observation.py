@@ -133,25 +133,23 @@ class HandWatch:
         if not fresh or taken <= self.frame_time:
             return False
         self.frame_time, self._frame_came = taken, now
-        self.keypoints, self.problem = None, "no hand in the picture"
-        if observation.keypoints is None:
+        self.keypoints, hand = None, observation.keypoints
+        self.problem = "no hand in the picture" if hand is None else hand_problem(hand)
+        if self.problem:
             self._equal = 1
             return True
-        self.problem = hand_problem(observation.keypoints)
-        if self.problem:
-            return True
-        in_camera = np.array(observation.keypoints, dtype=np.float64)
+        in_camera = np.array(hand, dtype=np.float64)
         same = self._in_camera is not None and np.array_equal(in_camera, self._in_camera)
         self._equal = self._equal + 1 if same else 1
         self._in_camera = in_camera
-        hand = transform_points(self.base_from_camera, in_camera)
-        middle: Array = hand.mean(axis=0)
+        in_base = transform_points(self.base_from_camera, in_camera)
+        middle: Array = in_base.mean(axis=0)
         if self._path:
             since, moved = taken - self._path[-1][0], np.linalg.norm(middle - self.middle)
             if moved > NEAR_HAND + FASTEST_HAND * since:
                 self.problem = f"the hand jumped {100 * moved:.0f} cm within {since:.2f} s"
                 return True
-        self.keypoints = self.last = hand
+        self.keypoints = self.last = in_base
         self._hand_came = now
         self._path = [p for p in self._path if p[0] > taken - 1.0] + [(taken, middle)]
         return True

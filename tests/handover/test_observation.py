@@ -52,6 +52,19 @@ def test_watch_sees_lost_silent_and_frozen() -> None:
     assert watch.trouble(0.9) == ""
 
 
+@pytest.mark.parametrize("none", [None, np.full((21, 3), np.nan), np.ones((20, 3))])
+def test_a_picture_without_a_hand_is_no_frozen_one(none: np.ndarray | None) -> None:
+    watch = HandWatch(np.eye(4), SafetyConfig())
+    for k in range(6):
+        watch.look(Observation(0.1 * k, noisy(0)), 0.1 * k)
+    assert watch.blind(0.5).startswith("keypoints frozen")
+    watch.look(Observation(0.6, none), 0.6)
+    assert watch.blind(0.6) == ""
+    assert watch.trouble(0.6) == ""  # the last hand is 0.1 s old
+    watch.look(Observation(0.8, none), 0.8)
+    assert watch.trouble(0.8).startswith("no hand seen for 0.30 s")
+
+
 def test_watch_gives_the_hand_in_the_base_frame_and_its_speed() -> None:
     base_from_camera = np.array([[0, -1, 0, 1.0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     watch = HandWatch(base_from_camera, SafetyConfig())
