@@ -217,9 +217,9 @@ def run(number: int) -> dict[str, Any]:
         unseen.append(blind)
         return o
 
-    raised, moments = "", []
+    raised, moments = "", list[Moment]()
     try:
-        moments = rehearse(handover, hand, dt=DT, past_stops=True, spoil=spoil, longest=40.0)
+        rehearse(handover, hand, dt=DT, past_stops=True, spoil=spoil, longest=40.0, moments=moments)
     except OSError as error:
         raised = str(error)
     found = unsafe(moments, unseen, scene.hand(0.01).surface.vertices)
@@ -336,8 +336,10 @@ def main() -> None:
     rows = list(read_result_file(args.json).rows) if args.json.exists() else []
     what = "runs of the workflow on the arm without physics, with random faults, judged by geometry"
     with ProcessPoolExecutor(args.jobs) as pool:
-        for row in pool.map(run, range(len(rows), args.runs)):
-            rows.append(row)
+        made = {row["run"] for row in rows}
+        left = [number for number in range(args.runs) if number not in made]
+        for row in pool.map(run, left):
+            rows = sorted([*rows, row], key=lambda row: row["run"])
             if row["unsafe"]:
                 print(row, flush=True)
             if len(rows) % 20 == 0 or len(rows) == args.runs:

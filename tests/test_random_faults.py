@@ -70,3 +70,12 @@ def test_who_cannot_see_the_hand_may_not_go_toward_it(judge) -> None:
     run = moments(turning, beside)
     assert "toward a hand unseen, m" in judge.unsafe(run, [True] * 40, SKIN)
     assert judge.unsafe(run, [False] * 40, SKIN) == {}
+
+
+def test_what_came_before_a_driver_s_error_is_judged(judge, monkeypatch) -> None:
+    judged = []
+    monkeypatch.setattr(judge, "unsafe", lambda moments, *_: judged.append(len(moments)) or {})
+    row = judge.run(9)
+    assert row["faults"] == ["driver fails"]
+    assert row["raised"]
+    assert judged[0] > 30  # it fails after seconds

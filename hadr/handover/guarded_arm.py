@@ -191,9 +191,12 @@ class GuardedArm:
 
     @property
     def around_something(self) -> bool:
-        """True where both fingers press, or the gripper alone holds and they are kept apart."""
-        told, margin = self.closed_to, self.config.safety.held_margin
-        apart = told is not None and safety.something_held(self.reading.width, told, margin)
+        """True where both fingers press, or the gripper alone holds and they are kept apart.
+
+        A width that is no number counts as apart: what cannot be known to be lost is not dropped.
+        """
+        told, width, margin = self.closed_to, self.reading.width, self.config.safety.held_margin
+        apart = told is not None and (np.isnan(width) or safety.something_held(width, told, margin))
         return apart or self.reading.press > safety.PRESSED
 
     def free(self, *path: Array, width: float | None = None, hand: Array | None = None) -> float:

@@ -2,7 +2,8 @@
 
 It stands; after a protective stop, until a person has released it. Fingers that are around
 something stay so, unless somebody pulls at it all the while; and once the gripper alone holds it,
-a hand must be there to take it: they never drop it.
+a hand must be there, at the gripper, to take it: they never drop it. Nor do empty ones open into a
+hand beside them.
 Else, beside the hand, they open and the arm backs off; from a hand that is then still too near it
 backs off farther. No way back brings it nearer to the hand.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from hadr.handover import safety
+from hadr.handover.grasping.collision import hand_distance
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.poses import Array, between, pose_distance
@@ -53,7 +55,7 @@ class Recovery:
         holds = arm.around_something  # then the hand may be as near as it was when it gave
         if not (self.trouble or holds) and free < arm.config.safety.approach_distance:
             self.trouble = f"hand {1000 * free:.0f} mm from the gripper"
-        if not self._pulled(free):
+        if not self._pulled():
             self._left_alone_at = now
         if arm.reading.protective_stop:
             self.trouble = "a person must release the protective stop"
@@ -63,6 +65,8 @@ class Recovery:
             if leaves:
                 arm.release()
                 arm.closed_to = None
+                if not holds and self._opening and arm.free(width=self._opening) < min(free, 0.0):
+                    self._opening = None  # they would open into the hand, and hold nothing
                 if self._opening is not None:
                     arm.robot.set_gripper(self._opening, GENTLE_FORCE)
             self._enter("open" if leaves else "clear", now)
@@ -90,14 +94,18 @@ class Recovery:
             self._clear_from = now
         return self.part == "clear" and now - self._clear_from >= STAND_TIME - 1e-9
 
-    def _pulled(self, free: float) -> bool:
-        """Whether somebody pulls at the object who can hold it: of free space in metres.
+    def _pulled(self) -> bool:
+        """Whether somebody pulls at the object who can hold it.
 
-        A hand that is seen holds it from near by; one that is not, until the gripper alone does.
+        A hand that is seen holds it from near the gripper, a hand beside another link does not; one
+        that is not seen, until the gripper alone does.
         """
-        unseen = self.arm.closed_to is None and self.arm.watch.keypoints is None
-        taken = unseen or free <= safety.AT_THE_GLASS
-        return taken and safety.hand_pull(self.arm.reading.wrench[:3]) > safety.HAND_PULL
+        reading, hand = self.arm.reading, self.arm.watch.keypoints
+        if hand is None:
+            taken = self.arm.closed_to is None
+        else:
+            taken = hand_distance(reading.tool, reading.width, hand) <= safety.AT_THE_GLASS
+        return taken and safety.hand_pull(reading.wrench[:3]) > safety.HAND_PULL
 
     def stay(self, now: float) -> None:
         """Back off no farther; stand and wait for the cause to go."""

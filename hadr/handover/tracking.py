@@ -198,7 +198,10 @@ def _robust_motion(before: Array, now: Array, about: About) -> HandMotion | None
     """The better of two fits: one begun from the palm, one from all keypoints; None without any."""
     palm = np.zeros(len(before))
     palm[list(PALM)] = 1.0
-    fits = [_trimmed(before, now, start) for start in (palm, np.ones(len(before)))]
+    try:
+        fits = [_trimmed(before, now, start) for start in (palm, np.ones(len(before)))]
+    except ValueError:  # those that were kept lie on one line
+        return None
     fit, inlier, miss = min(fits, key=lambda f: float((np.minimum(f[2], LARGEST_CUT) ** 2).sum()))
     if np.count_nonzero(inlier) < FEWEST:
         return None

@@ -5,6 +5,7 @@ import pytest
 
 from hadr.camera import transform_points
 from hadr.handover import ur5
+from hadr.handover.grasping.collision import hand_distance
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation
 from hadr.handover.recovery import Recovery
@@ -116,6 +117,81 @@ def test_a_pressed_arm_backs_off_after_one_stop(stuck: bool) -> None:
     np.testing.assert_allclose(moved, [0, 0, -BACK_OFF], atol=0.003)
     assert recovery.trouble == ""
     assert robot.gripper_width() == pytest.approx(0.02 if stuck else 0.085, abs=1e-6)
+
+
+class HoldingUR5(SimulatedUR5):
+    """Its gripper alone holds a glass 5 cm thick; `dead` fingers say no number."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.between_fingers = self._opening = 0.05
+        self.set_gripper(0.0, 22.0)
+        self.dead = False
+
+    def gripper_width(self) -> float:
+        return float("nan") if self.dead else super().gripper_width()
+
+    def finger_force(self) -> float:
+        return float("nan") if self.dead else super().finger_force()
+
+
+def holding(watched: Watched, *, seconds: float) -> float:
+    """The fingers' width so long after a stop while the gripper alone holds, metres."""
+    robot = watched.arm.robot
+    watched.arm.closed_to = 0.0
+    recovery = Recovery(watched.arm)
+    recovery.begin(watched.look(), back=BACK_OFF, opening=0.085, straight=False)
+    for _ in range(round(seconds / DT)):
+        recovery.step(watched.look(), DT)
+    return SimulatedUR5.gripper_width(robot)
+
+
+@pytest.mark.parametrize(("there", "opens"), [("gripper", True), ("forearm", False)])
+def test_only_a_hand_at_the_gripper_takes_what_it_holds(there: str, opens: bool) -> None:
+    robot = HoldingUR5()
+    watched = Watched(robot)
+    hand = FAR_HAND - FAR_HAND.mean(axis=0)
+    forearm = ur5.link_surfaces(robot.joint_positions())[3]
+    at = robot.tool_pose()[:3, 3] if there == "gripper" else forearm[:3]
+    away = np.array([1.0, 0, 0]) if there == "gripper" else np.array([-0.4, -0.9, 0.3])
+    for distance in np.linspace(0.0, 0.5, 200):
+        watched.arm.watch.keypoints = watched.hand = hand + at + distance * away
+        if watched.arm.free() > 0.03:
+            break
+    assert watched.arm.free() < 0.05  # beside the robot, whichever part
+    robot.wrench = np.array([0, 5.0, 0, 0, 0, 0])
+    assert (holding(watched, seconds=2.0) > 0.08) is opens
+
+
+def test_fingers_that_say_no_number_do_not_drop_what_they_hold() -> None:
+    robot = HoldingUR5()
+    watched = Watched(robot)
+    watched.seen = lambda: Observation(  # type: ignore[method-assign]
+        watched.steps * DT, None, frame_time=0.1 * (watched.steps // 5)
+    )
+    robot.dead = True
+    assert holding(watched, seconds=2.0) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(("gap", "opens"), [(0.010, False), (0.060, True)])
+def test_empty_fingers_do_not_open_into_a_hand_beside_them(gap: float, opens: bool) -> None:
+    robot = SimulatedUR5()
+    robot._opening = robot._target_opening = 0.005
+    watched = Watched(robot)
+    tool, hand = robot.tool_pose(), FAR_HAND - FAR_HAND.mean(axis=0)
+    for distance in np.linspace(0.0, 0.5, 1000):
+        watched.hand = hand + tool[:3, 3] + distance * tool[:3, 0]
+        if hand_distance(tool, 0.005, watched.hand) > gap:
+            break
+    recovery = Recovery(watched.arm)
+    recovery.begin(watched.look(), back=BACK_OFF, opening=0.085, straight=True)
+    least = np.inf
+    for _ in range(80):
+        now = watched.look()
+        least = min(least, watched.arm.free())
+        recovery.step(now, DT)
+    assert least > 0
+    assert (robot.gripper_width() > 0.08) is opens
 
 
 def test_without_contact_it_waits_for_the_fingers() -> None:

@@ -182,6 +182,17 @@ def test_robust_form_keeps_a_hand_with_noise_whole() -> None:
     assert 0.001 < robust.residual < 0.0025
 
 
+def test_robust_form_falls_back_where_only_a_straight_finger_moves_as_one() -> None:
+    rng = np.random.default_rng(1)
+    hand, _, _ = moved_hand(())
+    along = (hand[6] - hand[5]) / np.linalg.norm(hand[6] - hand[5])
+    hand[6:9] = hand[5] + np.array([[0.04], [0.065], [0.085]]) * along
+    jumps = np.ones((21, 1))
+    jumps[5:9] = 0.0
+    for _ in range(50):
+        hand_motion(hand, hand + jumps * rng.normal(0, 0.03, hand.shape), robust=True)
+
+
 @pytest.mark.parametrize("sigma", [0.03, 0.1])
 def test_robust_form_falls_back_to_the_plain_one_where_no_group_moves_as_one(sigma: float) -> None:
     before, now, _ = moved_hand(())

@@ -172,6 +172,7 @@ def rehearse(
     past_stops: bool = False,
     picture_every: float = 0.0,
     spoil: Callable[[Observation], Observation] | None = None,
+    moments: list[Moment] | None = None,
 ) -> list[Moment]:
     """Run the workflow against the moving hand until it finishes, stops or time is up.
 
@@ -187,6 +188,7 @@ def rehearse(
         past_stops: Go on after a stop, until the workflow has finished or given up.
         picture_every: Time between two pictures, seconds, in whole steps; 0: one every step.
         spoil: What breaks between the camera and the workflow.
+        moments: A list to append to, for who wants those before an exception, too.
 
     Returns:
         One moment a step, without forces. The gripper holds the object once that is no longer
@@ -197,7 +199,7 @@ def rehearse(
         robot = robot.robot
     if not isinstance(robot, SimulatedUR5):
         raise TypeError(f"a rehearsal needs a SimulatedUR5, got {type(robot).__name__}")
-    moments: list[Moment] = []
+    moments = [] if moments is None else moments
     tool_from_glass, gripped, unlocked = np.eye(4), False, 0.0
     newest = hand.observe(0.0)
     for step in range(round(longest / dt) + 1):
