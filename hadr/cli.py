@@ -273,7 +273,7 @@ def _run_command(name: str, words: list[str]) -> int:
     except BrokenPipeError:  # who read what was printed has left; all else was written before
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 0
-    except (ValueError, OSError, FloatingPointError) as error:
+    except (ValueError, OSError, FloatingPointError, ImportError) as error:
         full = isinstance(error, OSError) and error.errno in FULL
         told = re.sub(r"^\[Errno \d+\] ", "", str(error))
         if full:

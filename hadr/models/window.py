@@ -140,6 +140,7 @@ def through_window(forward: Forward) -> Forward:
     network is given each frame's window, and its answer is put back into the frame: interpolated
     between the pixels that were restored, and restored where the nearest of them is. Then `depth`,
     `restored` and `clamped` lie in the frame, and all other parts of the answer in the window.
+    ValueError where rays or true depth are given, too.
     """
 
     @wraps(forward)
@@ -147,6 +148,9 @@ def through_window(forward: Forward) -> Forward:
         window: WindowConfig | None = self.config.view
         if window is None or self.training:
             return forward(self, inputs, **further)
+        for name in ("rays", "true_depth"):
+            if further.get(name) is not None:
+                raise ValueError(f"{name} of the whole frame mean nothing in a network's window")
         crop = lay_windows(inputs, window)
         answer = forward(self, seen_through(crop, inputs), **further)
         parts = [answer.depth, answer.restored.to(answer.depth.dtype)]

@@ -162,6 +162,11 @@ def _pretrained(config: Any, name: str | None) -> Any:
     """Name published weights in a configuration."""
     if name is None:
         return config
+    if getattr(config, "lite", None):
+        raise ValueError(
+            f"--pretrained {name} names weights of another encoder: this preset has "
+            "EfficientNet-Lite0 with its own; leave it out"
+        )
     if hasattr(config, "pretrained"):
         return replace(config, pretrained=name)
     if is_dataclass(backbone := getattr(config, "backbone", None)):

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from hadr.models.blocks import efficientnet_lite
 from hadr.models.blocks.efficientnet_lite import EfficientNetLite0, LiteConfig
+from hadr.training.processes import SharedBatchNorm, share_batch_norm
 
 
 @pytest.fixture(scope="module")
@@ -112,3 +113,12 @@ def test_a_missing_package_and_another_file_are_named(
 def test_stages_that_are_none_are_refused(wrong: dict[str, int]) -> None:
     with pytest.raises(ValueError, match="stages must be 1 to 4 and frozen at most as many"):
         LiteConfig(**wrong)  # type: ignore[arg-type]
+
+
+def test_batch_normalisation_shared_by_processes_stays_frozen() -> None:
+    encoder = EfficientNetLite0(LiteConfig(pretrained=False))
+    share_batch_norm(encoder)
+    encoder.train()
+    norms = [m for m in encoder.modules() if isinstance(m, SharedBatchNorm)]
+    assert len(norms) > 30
+    assert not any(norm.training for norm in norms)

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import torch
-from torch import nn
+from torch import Tensor, nn
 
+from hadr.models.blocks.efficientnet_lite import EfficientNetLite0
 from hadr.models.network_input import DepthOutput, HADRInput, ray_points
 from hadr.models.networks import DEPTH_NETWORKS, network_of
 from hadr.models.window import WindowConfig, lay_windows, seen_through, through_window
@@ -199,6 +200,34 @@ def test_each_network_can_look_through_a_window(kind: str) -> None:
     assert not bool((answer.restored & ~frame.mask).any())
     assert max(sizes[0][2:]) <= 34
     assert network_of(kind).config_class()().view is None
+
+
+SEEING = [kind for kind in DEPTH_NETWORKS if getattr(preset("imagenet", kind).model, "lite", None)]
+
+
+@pytest.mark.parametrize("kind", SEEING)
+def test_a_pretrained_encoder_gets_colours_as_they_are(kind: str) -> None:
+    network = Task(preset("imagenet", kind)).build().eval()
+    (encoder,) = (part for part in network.modules() if isinstance(part, EfficientNetLite0))
+    seen: list[Tensor] = []
+    encoder.register_forward_pre_hook(lambda _, given: seen.append(given[0]))
+    with torch.no_grad():
+        network(wall())
+    assert seen
+    assert all(color.min() >= 0 and color.max() <= 1 for color in seen)
+
+
+@pytest.mark.parametrize("name", ["rays", "true_depth"])
+def test_what_is_of_the_whole_frame_is_refused_in_a_window(name: str) -> None:
+    network = (
+        Task(
+            replace(preset("tiny"), model=replace(preset("tiny").model, view=WindowConfig(size=32)))
+        )
+        .build()
+        .eval()
+    )
+    with pytest.raises(ValueError, match=f"{name} of the whole frame"):
+        network(wall(), **{name: wall().depth})
 
 
 @pytest.mark.parametrize("wrong", [{"size": 0}, {"margin": 0.9}, {"jitter": 0.6}, {"whole": 2}])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hadr.cli import parse_options
+from hadr.cli import main, parse_options
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADR, HADRConfig
 from hadr.training.checkpoints import save_checkpoint
@@ -50,6 +50,21 @@ def test_published_weights_are_named_in_the_backbone() -> None:
     model = recipe_from(parsed("--preset", "paper", "--pretrained", "some/swin")).model
     assert isinstance(model, HADRConfig)
     assert model.backbone.pretrained == "some/swin"
+
+
+def test_published_weights_of_another_encoder_are_refused() -> None:
+    with pytest.raises(ValueError, match="--pretrained some/swin names weights of another encoder"):
+        recipe_from(parsed("--preset", "imagenet", "--pretrained", "some/swin"))
+
+
+def test_a_missing_package_of_weights_is_one_sentence(tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("hadr.models.blocks.efficientnet_lite.PACKAGE", "no-such-package")
+    assert (
+        main(["train", "--preset", "imagenet", "--epochs", "1", "--out", str(tmp_path / "t")]) == 2
+    )
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.startswith("hadr train: error: ")
+    assert "no-such-package" in told
 
 
 def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(

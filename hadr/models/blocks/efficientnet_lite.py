@@ -155,7 +155,7 @@ class EfficientNetLite0(nn.Module):
         """Set the mode; batch normalisation stays as it is in evaluation."""
         super().train(mode)
         for part in self.modules():
-            if isinstance(part, nn.BatchNorm2d):
+            if isinstance(part, nn.modules.batchnorm._BatchNorm):  # one shared by processes, too
                 part.training = False
         return self
 
