@@ -219,13 +219,9 @@ def test_a_pretrained_encoder_gets_colours_as_they_are(kind: str) -> None:
 
 @pytest.mark.parametrize("name", ["rays", "true_depth"])
 def test_what_is_of_the_whole_frame_is_refused_in_a_window(name: str) -> None:
-    network = (
-        Task(
-            replace(preset("tiny"), model=replace(preset("tiny").model, view=WindowConfig(size=32)))
-        )
-        .build()
-        .eval()
-    )
+    recipe = preset("tiny")
+    model = replace(recipe.model, view=WindowConfig(size=32))  # type: ignore[call-arg]
+    network = Task(replace(recipe, model=model)).build().eval()
     with pytest.raises(ValueError, match=f"{name} of the whole frame"):
         network(wall(), **{name: wall().depth})
 
