@@ -25,6 +25,8 @@ NO_NEARER = 0.004
 """Beside a hand that touches the gripper the arm may move, but not nearer by more, metres."""
 UNSEEN = 0.5
 """Part of the speed on the ways back while the camera shows no hand."""
+SOON = 0.1
+"""How fast a hand closes in is measured by letting it go on for so many seconds."""
 LEAD, LEAD_ANGLE = 0.05, 0.3
 """The reference runs ahead of the tool by no more than this, metres and radians."""
 
@@ -135,8 +137,10 @@ class GuardedArm:
         free = self.free(*near)
         if free < least:
             raise HaltError(too_near(free, least), back=True)
-        velocity = watch.velocity(0.15)
-        closing = safety.closing_speed(velocity, watch.middle, self.reading.tool[:3, 3])
+        velocity, closing = watch.velocity(0.15), safety.HUMAN_SPEED
+        if velocity is not None:
+            soon = watch.keypoints + SOON * velocity
+            closing = max(0.0, free - self.free(*near, hand=soon)) / SOON
         c = self.config.safety
         factor = min(1.0, safety.allowed_speed(free, closing, watch.age, least, c) / speed)
         crawl = min(CRAWL_SPEED - closing, safety.stopping_speed(free - least, 0.0, c))

@@ -131,14 +131,6 @@ def line_velocity(times: Array, points: Array) -> Array:
     return slope
 
 
-def closing_speed(hand_velocity: Array | None, hand: Array, tool: Array) -> float:
-    """The hand's own speed toward the tool, m/s from vectors (3,); `HUMAN_SPEED` if not known."""
-    way = tool - hand
-    if hand_velocity is None:
-        return HUMAN_SPEED
-    return max(0.0, float(hand_velocity @ way) / max(float(np.linalg.norm(way)), 1e-9))
-
-
 class Separation(NamedTuple):
     """The protective separation distance S_p and its terms in ISO/TS 15066, metres.
 

@@ -5,11 +5,26 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hadr.handover import ur5
+from hadr.handover.grasping.collision import links_gaps, person
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.observation import HandWatch
-from hadr.handover.safety import SafetyConfig
+from hadr.handover.safety import SafetyConfig, allowed_speed
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import HandoverConfig
+
+C = SafetyConfig()
+
+
+def beside(
+    hand: np.ndarray, velocity: np.ndarray | None, monkeypatch: pytest.MonkeyPatch, age: float
+) -> GuardedArm:
+    """An arm at home whose watch has seen a hand that goes at a velocity."""
+    watch = HandWatch(np.eye(4), C)
+    watch.keypoints = hand
+    monkeypatch.setattr(HandWatch, "velocity", lambda *_: velocity)
+    monkeypatch.setattr(HandWatch, "age", age)
+    return GuardedArm(SimulatedUR5(), HandoverConfig(), watch)
 
 
 def test_the_reference_moves_at_its_speed_and_does_not_run_ahead() -> None:
@@ -44,11 +59,36 @@ def test_beside_a_hand_its_speed_follows_from_the_hands_and_the_pictures_age(
     age: float, toward: float, speed: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By hand: of 60 mm 15 must stay and 10 are uncertainty; the hand takes its part of 35."""
-    arm = GuardedArm(SimulatedUR5(), HandoverConfig(), HandWatch(np.eye(4), SafetyConfig()))
-    tool = arm.reading.tool[:3, 3]
-    arm.watch.keypoints = np.zeros((21, 3))
-    monkeypatch.setattr(GuardedArm, "free", lambda *_: 0.060)
-    monkeypatch.setattr(HandWatch, "middle", tool + np.array([0.2, 0.0, 0.0]))
-    monkeypatch.setattr(HandWatch, "velocity", lambda *_: np.array([-toward, 0.0, 0.0]))
-    monkeypatch.setattr(HandWatch, "age", age)
+    arm = beside(np.zeros((21, 3)), np.array([-toward, 0.0, 0.0]), monkeypatch, age)
+    space = lambda _, hand=None: 0.060 + (0.0 if hand is None else hand[0, 0])  # noqa: E731
+    monkeypatch.setattr(GuardedArm, "free", space)
     assert 0.25 * arm.allowed([], 0.015, 0.25) == pytest.approx(speed)
+
+
+DOWN, UP, ALONG = np.array([[0, 0, -0.3], [0, 0, 0.3], [0.296, 0.032, 0.049]])
+
+
+@pytest.mark.parametrize(
+    ("velocity", "closing"),
+    [(DOWN, 0.3), (UP, 0.0), (ALONG, 0.0)],
+    ids=["straight for it", "away from it", "along it"],
+)
+def test_the_speed_of_a_hand_counts_toward_the_part_that_is_nearest(
+    velocity: np.ndarray, closing: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hand above the forearm, whose way to the tool point is another one."""
+    hand = np.tile([-0.05, 0.0, 0.62], (21, 1))  # flat, its wrist and its own forearm at +x
+    for finger in range(5):
+        hand[1 + 4 * finger : 5 + 4 * finger, 0] -= [0.09, 0.12, 0.14, 0.16]
+        hand[1 + 4 * finger : 5 + 4 * finger, 1] += 0.01 * (finger - 2)
+    arm = beside(hand, velocity, monkeypatch, 0.1)
+    forearm, free = ur5.link_surfaces(arm.reading.joints)[4:5], arm.free(arm.reading.tool)
+    assert free == pytest.approx(float(links_gaps(forearm, person(hand)).min()))
+    wanted = allowed_speed(free, closing, 0.1, 0.015, C)
+    assert arm.allowed([arm.reading.tool], 0.015, 1.0) == pytest.approx(wanted, rel=0.05)
+
+
+def test_a_hand_of_unknown_speed_counts_as_one_that_walks(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = beside(np.zeros((21, 3)), None, monkeypatch, 0.1)
+    monkeypatch.setattr(GuardedArm, "free", lambda *_, **__: 0.6)
+    assert arm.allowed([], 0.015, 1.0) == pytest.approx(allowed_speed(0.6, 1.6, 0.1, 0.015, C))

@@ -6,7 +6,6 @@ import pytest
 from hadr.handover.safety import (
     SafetyConfig,
     allowed_speed,
-    closing_speed,
     hand_problem,
     line_velocity,
     low_confidence,
@@ -49,14 +48,6 @@ def test_speed_of_a_line_and_of_noise_around_it() -> None:
     np.testing.assert_allclose(line_velocity(times, points), [0.1, 0.0, -0.2], atol=1e-12)
     points[[0, 3], 1] += 0.01  # even about the middle: no slope
     np.testing.assert_allclose(line_velocity(times, points), [0.1, 0.0, -0.2], atol=1e-12)
-
-
-def test_closing_speed_counts_only_what_comes_nearer() -> None:
-    hand, tool = np.array([1.0, 0, 0]), np.zeros(3)
-    assert closing_speed(np.array([-0.3, 0.4, 0]), hand, tool) == pytest.approx(0.3)
-    assert closing_speed(np.array([0.3, 0.4, 0]), hand, tool) == 0.0
-    assert closing_speed(None, hand, tool) == 1.6  # not known: as fast as people walk
-    assert closing_speed(np.ones(3), hand, hand) == 0.0
 
 
 def test_the_speed_that_stops_within_a_way_by_hand() -> None:
