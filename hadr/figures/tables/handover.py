@@ -150,11 +150,15 @@ def beliefs_table(rows: Sequence[Row]) -> str:
 
 
 def touches_table(rows: Sequence[Row]) -> str:
-    """List how often the robot touched the hand, and its largest forces, newtons."""
+    """List how often the robot touched the hand, and its largest forces, newtons, with the phase."""
 
     def largest(row: Row, way: str) -> str:
-        forces = [force for name, force in row["largest_forces_n"].items() if name.startswith(way)]
-        return f"{max(forces, default=0.0):.1f}"
+        forces = [
+            (force, name.removeprefix(f"{way}, "))
+            for name, force in row["largest_forces_n"].items()
+            if name.startswith(way)
+        ]
+        return "{:.1f}, {}".format(*max(forces)) if forces else "none"
 
     lines = [
         [

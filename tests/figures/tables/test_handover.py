@@ -164,7 +164,8 @@ def test_touches_are_told_by_hand_and_through_the_glass() -> None:
     ]  # fmt: skip
     lines = [cells(line) for line in touches_table(rows).splitlines()]
     assert lines[2:] == [
-        ["sensor depth", "0 of 9", "0.0", "0.0"], ["perfect depth", "2 of 5", "2.0", "3.0"],
+        ["sensor depth", "0 of 9", "none", "none"],
+        ["perfect depth", "2 of 5", "2.0, Going home", "3.0, Stopped"],
     ]  # fmt: skip
 
 
