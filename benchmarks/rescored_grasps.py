@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from hadr.camera import transform_points
+from hadr.camera import Array, transform_points
 from hadr.handover.grasping.candidates import NoCandidateError
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.selection import (
@@ -26,7 +26,6 @@ from hadr.handover.grasping.selection import (
     _alike,
     _Surroundings,
 )
-from hadr.handover.poses import Array
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
 from hadr.simulation.camera.robot_camera import RobotCamera

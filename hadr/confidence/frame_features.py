@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from hadr.camera import (
+    Array,
     BoolArray,
     FloatArray,
     Intrinsics,
@@ -26,7 +27,6 @@ from hadr.camera import (
     window_around,
 )
 
-Array = npt.NDArray[np.float64]
 Features = Mapping[str, float]
 NEAR_M = 0.03
 """Depth in the glass that is no farther from the answer may be its surface's, metres."""

@@ -21,15 +21,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from hadr.camera import FloatArray
+from hadr.camera import Array, FloatArray
 from hadr.confidence.calibration import ConfidenceRule
 from hadr.confidence.frame_features import FEATURES, Features
 from hadr.confidence.sight import Observation, Sight, rounded
 from hadr.records.reading import structured
-
-Array = npt.NDArray[np.float64]
 
 KEPT = 0.99
 """Share of the validation frames that are to lie inside."""

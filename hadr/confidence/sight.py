@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import BoolArray, FloatArray, Intrinsics
+from hadr.camera import Array, BoolArray, FloatArray, Intrinsics
 from hadr.confidence.calibration import within_learned
 from hadr.confidence.frame_features import frame_features, outline_features
 from hadr.records.reading import structured
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from hadr.models.network_input import HADRInput
 
-Array = npt.NDArray[np.float64]
 
 DIRECTIONS = 8
 """Main directions of what a network sees; what lies off them is a feature."""

@@ -14,10 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from hadr.camera import TRANSHAND_CAMERA, Intrinsics
+from hadr.camera import TRANSHAND_CAMERA, Array, Intrinsics
 from hadr.records.reading import read_json, structured
-
-Array = npt.NDArray[np.float64]
 
 #: OpenCV's camera axes in Blender's: x the same, y and z the other way round.
 BLENDER_FROM_OPENCV: Array = np.diag([1.0, -1.0, -1.0, 1.0])

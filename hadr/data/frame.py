@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import Intrinsics, transform_points
+from hadr.camera import Array, Intrinsics, transform_points
 from hadr.data.camera_log import camera_log, native_pixels
 from hadr.data.frame_pictures import (
     DisparityScale,
@@ -34,8 +34,6 @@ from hadr.data.frame_pictures import (
 )
 from hadr.hand import KEYPOINT_NAMES
 from hadr.records.writing import PART
-
-Array = npt.NDArray[np.float64]
 
 #: The log's name for the metres of one step of ``depth_png`` and ``background_depth_png``.
 DEPTH_SCALE_KEY = "depth_png scale"

@@ -15,7 +15,7 @@ from typing import Literal, TypeVar, overload
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import Intrinsics, transform_points
+from hadr.camera import Array, Intrinsics, transform_points
 from hadr.data.camera_log import (
     image_pixels,
     log_camera,
@@ -46,7 +46,6 @@ from hadr.data.frame_pictures import (
 )
 from hadr.records.reading import read_bytes, structured
 
-Array = npt.NDArray[np.float64]
 Dtype = TypeVar("Dtype", bound=np.generic)
 
 SPLITS = ("train", "val", "test")

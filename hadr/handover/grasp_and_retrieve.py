@@ -16,10 +16,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hadr.camera import Array
 from hadr.handover import safety, stages
 from hadr.handover.grasping.grasps import FEELING_STEP, forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError, too_near
-from hadr.handover.poses import Array, pose_distance
+from hadr.handover.poses import pose_distance
 
 FAR_FROM_GOAL = 0.02
 """The final move waits for a tool that is farther behind than this, metres."""

@@ -14,10 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hadr.camera import Array
 from hadr.handover import safety, ur5
 from hadr.handover.grasping.collision import hand_gaps
 from hadr.handover.observation import HandWatch
-from hadr.handover.poses import Array, between, pose_distance, toward
+from hadr.handover.poses import between, pose_distance, toward
 from hadr.handover.robot import Robot
 from hadr.handover.stages import ARRIVE_ANGLE, ARRIVE_DISTANCE, CRAWL_SPEED, HandoverConfig
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import transform_points
-from hadr.handover.poses import Array
+from hadr.camera import Array, transform_points
 from hadr.handover.safety import SafetyConfig, hand_problem, line_velocity
 
 FEWEST_POINTS = 30

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-Array = npt.NDArray[np.float64]
+from hadr.camera import Array
 
 
 def check_pose(pose: Array, name: str = "pose") -> Array:

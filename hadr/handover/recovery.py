@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from hadr.camera import Array
 from hadr.handover import safety
 from hadr.handover.grasping.collision import hand_distance
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm
-from hadr.handover.poses import Array, between, pose_distance
+from hadr.handover.poses import between, pose_distance
 from hadr.handover.stages import BACK_OFF, GENTLE_FORCE, STAND_TIME
 
 MOST_YIELDS = 3

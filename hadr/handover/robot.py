@@ -9,7 +9,7 @@ and forearm are, and how nearly singular the arm is.
 
 from typing import Protocol
 
-from hadr.handover.poses import Array
+from hadr.camera import Array
 
 UNLOCK_AFTER = 5.0
 """The simulated person releases a protective stop after this time, seconds: no sooner does a UR5's

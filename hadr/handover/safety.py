@@ -23,9 +23,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from hadr.camera import Array
 from hadr.hand import check_keypoints
 from hadr.handover.grasping.collision import hand_points
-from hadr.handover.poses import Array
 
 FARTHEST_HAND = 5.0
 """A keypoint farther from the camera than this, metres, belongs to no hand."""

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hadr.camera import Array
 from hadr.handover import ur5
 from hadr.handover.grasping.gripper import FLANGE_FROM_TOOL, LARGEST_OPENING
-from hadr.handover.poses import Array, check_pose
+from hadr.handover.poses import check_pose
 from hadr.handover.robot import UnreachableError
 
 HOME_JOINTS: Array = np.deg2rad([5.99, -130.74, 121.43, 9.32, 95.99, 0.0])

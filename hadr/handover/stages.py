@@ -14,9 +14,9 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
+from hadr.camera import Array
 from hadr.handover.grasping.grasps import FinalMove, Way, final_travel
 from hadr.handover.grasping.gripper import LARGEST_OPENING
-from hadr.handover.poses import Array
 from hadr.handover.robot import Robot
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.tracking import About

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hadr.camera import Array
 from hadr.hand import FINGERS, KEYPOINT_NAMES, check_keypoints
-from hadr.handover.poses import Array
 
 About = Literal["wrist", "origin", "centroid"]
 Flip = Literal["v", "r"]

@@ -10,7 +10,8 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hadr.handover.poses import Array, check_pose
+from hadr.camera import Array
+from hadr.handover.poses import check_pose
 from hadr.handover.robot import UnreachableError
 
 DH_A: Array = np.array([0.0, -0.425, -0.39225, 0.0, 0.0, 0.0])

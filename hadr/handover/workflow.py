@@ -13,13 +13,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hadr.camera import Array
 from hadr.handover import safety, stages
 from hadr.handover.grasp_and_retrieve import ADVANCING, Advance, Retrieval
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.selection import Choosing
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation, cleaned
-from hadr.handover.poses import Array, check_pose, pose_distance
+from hadr.handover.poses import check_pose, pose_distance
 from hadr.handover.recovery import Recovery
 from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.stages import ChooseGrasp, ChosenGrasp, HandoverConfig, Stage, Transition

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hadr.camera import FloatArray
+from hadr.camera import Array, FloatArray
 from hadr.data.frame import Frame
 from hadr.figures.panels import (
     COLORS,
@@ -19,7 +19,7 @@ from hadr.figures.panels import (
     show_keypoints,
     show_mask,
 )
-from hadr.synthesis.generation.statistics import Array, FrameStatistics
+from hadr.synthesis.generation.statistics import FrameStatistics
 
 TIGHT = {"w_pad": 0.015, "h_pad": 0.015, "hspace": 0.0, "wspace": 0.0}
 """A constrained layout for sheets of pictures."""

@@ -19,8 +19,9 @@ from matplotlib.patheffects import withStroke
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
+from hadr.camera import Array
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
-from hadr.figures.method.hands import Array, upright_view
+from hadr.figures.method.hands import upright_view
 from hadr.figures.panels import COLORS, live_figure
 from hadr.handover.grasping.grasps import Grasps, forward_of
 from hadr.handover.grasping.gripper import FINGER_LENGTH, STEM_LENGTH, fork

@@ -16,12 +16,13 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from hadr.camera import Array
 from hadr.figures.panels import COLORS
 from hadr.hand import FINGERS, HandShape, forward_kinematics, keypoints_from_skeleton
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.gripper import LARGEST_OPENING, fork
 from hadr.synthesis.glass.shape import GlassObject, profile
-from hadr.synthesis.glass.surfaces import Array, Surface, vertex_normals
+from hadr.synthesis.glass.surfaces import Surface, vertex_normals
 from hadr.synthesis.hand.skinning import posed_vertices
 from hadr.synthesis.hand.template import hand_template
 

@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from hadr.camera import project, transform_points
+from hadr.camera import Array, project, transform_points
 from hadr.figures.panels import COLORS, bare_axes
 from hadr.hand import BONES
 from hadr.handover.grasping.gripper import fork
@@ -22,7 +22,7 @@ from hadr.simulation.camera.sight import Look
 from hadr.simulation.film.film import Picture
 from hadr.simulation.film.world_view import view_from
 from hadr.simulation.world.state import WorldState
-from hadr.synthesis.glass.surfaces import Array, Surface, merged
+from hadr.synthesis.glass.surfaces import Surface, merged
 
 if TYPE_CHECKING:
     from hadr.simulation.trials.trial import Trial

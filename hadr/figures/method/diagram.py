@@ -14,7 +14,7 @@ import numpy.typing as npt
 import torch
 from matplotlib.patches import Rectangle
 
-from hadr.camera import back_project, project
+from hadr.camera import Array, back_project, project
 from hadr.corruption import erase_mask
 from hadr.data.frame import Frame
 from hadr.data.samples import open_samples, samples_dir
@@ -26,7 +26,6 @@ from hadr.handover.grasping.collision import free_of_hand, free_of_object
 from hadr.handover.grasping.grasps import PAPER_WAY, forward_of
 from hadr.handover.grasping.gripper import fork
 from hadr.handover.grasping.rescoring import Directions, rescore
-from hadr.handover.poses import Array
 from hadr.models.hadr import HADR, HADROutput
 from hadr.models.network_input import HADRInput, frame_to_input
 from hadr.records.checkout import checkout_root

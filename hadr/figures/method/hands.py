@@ -15,14 +15,12 @@ import torch
 from matplotlib.axes import Axes
 from scipy.spatial.transform import Rotation
 
-from hadr.camera import project
+from hadr.camera import Array, project
 from hadr.data.frame import Frame
 from hadr.figures.method.voxels import cube_edges
 from hadr.figures.panels import BONE_COLORS, COLORS, bare_axes, live_figure
 from hadr.hand import BONES, FINGERS, absolute_hand_feature, check_keypoints
 from hadr.models.hand.weighted_regression import SHARPNESS, JointMaps
-
-Array = npt.NDArray[np.float64]
 
 #: Colours of the axes x, y and z.
 AXIS_COLORS: dict[str, str] = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}

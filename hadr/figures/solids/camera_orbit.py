@@ -10,13 +10,13 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hadr.camera import Intrinsics, project, transform_points
+from hadr.camera import Array, Intrinsics, project, transform_points
 from hadr.figures.panels import BONE_COLORS, COLORS, bare_axes
 from hadr.figures.solids.studio import StudioView, studio_picture, studio_view
 from hadr.figures.solids.turntable import HandOnGlass
 from hadr.hand import FINGERS, absolute_hand_feature, keypoints_from_skeleton, relative_hand_feature
 from hadr.ray_voxels import VoxelGrid
-from hadr.synthesis.hand.mesh import Array, HandMesh
+from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.raycast import Labels, RayCaster
 from hadr.synthesis.scene.contents import Contents
 

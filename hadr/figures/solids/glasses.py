@@ -9,13 +9,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
+from hadr.camera import Array
 from hadr.figures.depth.frames import contact_sheet
 from hadr.figures.panels import COLORS, bare_axes
 from hadr.figures.solids.studio import PLAIN, studio_picture, studio_view
 from hadr.figures.solids.turntable import bare_glass, held_glass, solid_of
 from hadr.synthesis.glass.objects import bodies
 from hadr.synthesis.glass.shape import GlassObject
-from hadr.synthesis.glass.surfaces import Array, Surface
+from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.holding.hold import Hold
 
 # Vertices of a small picture's hand, metres apart.

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from hadr.camera import Array
 from hadr.figures.panels import FINGER_COLORS, bare_axes
 from hadr.figures.solids.studio import StudioView, studio_picture, studio_view
 from hadr.figures.solids.turntable import HandOnGlass, bare_hand, held_glass
@@ -22,7 +23,7 @@ from hadr.hand import (
     Skeleton,
     forward_kinematics,
 )
-from hadr.synthesis.recordings.recording import Array, Recording
+from hadr.synthesis.recordings.recording import Recording
 
 _PALM = SKELETON_NAMES.index("palm")
 # Parents of the joints without the virtual one.

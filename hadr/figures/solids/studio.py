@@ -9,7 +9,8 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from scipy.ndimage import map_coordinates
 
-from hadr.figures.method.hands import Array, upright_view
+from hadr.camera import Array
+from hadr.figures.method.hands import upright_view
 from hadr.figures.solids.turntable import HandOnGlass
 from hadr.synthesis.glass.surfaces import Surface
 

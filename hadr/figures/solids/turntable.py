@@ -14,13 +14,14 @@ import numpy.typing as npt
 from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
+from hadr.camera import Array
 from hadr.figures.panels import FINGER_COLORS
 from hadr.figures.solids.scrubber import Page, filled_page
 from hadr.hand import SKELETON_NAMES, SKELETON_PARENTS, HandShape, Skeleton, forward_kinematics
 from hadr.records.caches import kept
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.glass.shape import GlassObject
-from hadr.synthesis.glass.surfaces import Array, Surface, merged
+from hadr.synthesis.glass.surfaces import Surface, merged
 from hadr.synthesis.hand.mesh import SKIN_TONES, hand_mesh
 from hadr.synthesis.hand.template import MIDDLE_STEP
 from hadr.synthesis.holding.hold import Hold

@@ -150,7 +150,7 @@ def beliefs_table(rows: Sequence[Row]) -> str:
 
 
 def touches_table(rows: Sequence[Row]) -> str:
-    """List how often the robot touched the hand, and its largest forces, newtons, with the phase."""
+    """List how often the robot touched the hand, and its largest forces, newtons, by stage."""
 
     def largest(row: Row, way: str) -> str:
         forces = [

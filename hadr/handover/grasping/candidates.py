@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from hadr.camera import Array
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.gripper import FINGER_HEIGHT, LARGEST_OPENING
 from hadr.handover.grasping.unseen_side import unseen_side
-from hadr.handover.poses import Array
 
 Mask = NDArray[np.bool_]
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from hadr.camera import Array
 from hadr.hand import BONES, check_keypoints
 from hadr.handover.grasping.grasps import PAPER_WAY, Grasps, Way
 from hadr.handover.grasping.gripper import gripper_boxes
-from hadr.handover.poses import Array
 
 PALM_LINES = ((1, 5), (5, 9), (9, 13), (13, 17))
 """Keypoints between which the palm's flesh is, besides the bones."""

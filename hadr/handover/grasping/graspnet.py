@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from hadr.camera import transform_points
+from hadr.camera import Array, transform_points
 from hadr.handover.grasping.candidates import NoCandidateError
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.gripper import LARGEST_OPENING
-from hadr.handover.poses import Array, check_pose
+from hadr.handover.poses import check_pose
 
 Detect = Callable[[Array], ArrayLike]
 """From the object's points in the camera frame (n, 3), metres, to rows (m, 17)."""

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hadr.handover.poses import Array
+from hadr.camera import Array
 
 Axis = Literal["approach", "closing", "height"]
 FinalMove = Literal["past_grasp", "from_pre_grasp"]

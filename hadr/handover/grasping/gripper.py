@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hadr.handover.poses import Array
+from hadr.camera import Array
 
 LARGEST_OPENING = 0.085
 """Widest distance between the fingers, as of a Robotiq 2F-85."""

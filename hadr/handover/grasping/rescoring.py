@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hadr.camera import Array
 from hadr.handover.grasping.grasps import Grasps
-from hadr.handover.poses import Array
 
 Form = Literal["literal", "intended"]
 AxisOrder = Literal["paper", "graspnet"]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hadr.camera import transform_points
+from hadr.camera import Array, transform_points
 from hadr.handover import safety, stages, ur5
 from hadr.handover.grasping.candidates import (
     FINGER_REACH,
@@ -33,7 +33,7 @@ from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.grasping.rescoring import Directions, rescore
 from hadr.handover.grasping.unseen_side import turned_about_axis
 from hadr.handover.observation import HandWatch, Observation
-from hadr.handover.poses import Array, check_pose
+from hadr.handover.poses import check_pose
 from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.stages import ChooseGrasp, ChosenGrasp, HandoverConfig
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hadr.handover.poses import Array
+from hadr.camera import Array
 
 LARGEST_MISS = 0.006
 """Normals that pass the axis by more than this on the whole belong to no turned surface, metres."""

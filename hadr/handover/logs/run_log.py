@@ -22,11 +22,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from hadr.camera import Array
 from hadr.handover.grasping.collision import hand_points
 from hadr.handover.grasping.grasps import Way
 from hadr.handover.grasping.selection import NO_GRASP
 from hadr.handover.observation import Observation, cleaned
-from hadr.handover.poses import Array
 from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.safety import hand_problem
 from hadr.handover.stages import ChooseGrasp, ChosenGrasp, Stage, Transition

@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hadr.camera import Intrinsics, project, ray_directions
-from hadr.handover.poses import Array
+from hadr.camera import Array, Intrinsics, project, ray_directions
 from hadr.simulation.camera.depth_sensor import Depth, Mask
 from hadr.simulation.camera.room import Room, with_parts
 from hadr.simulation.robot.arm_shape import Part, search_tree

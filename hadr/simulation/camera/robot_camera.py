@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from hadr.camera import TRANSHAND_CAMERA, Intrinsics, project, transform_points
-from hadr.handover.poses import Array, camera_at
+from hadr.camera import TRANSHAND_CAMERA, Array, Intrinsics, project, transform_points
+from hadr.handover.poses import camera_at
 from hadr.simulation.camera.depth_sensor import Depth, DepthSensor, Mask
 from hadr.simulation.camera.moving_view import MovingView
 from hadr.simulation.camera.room import make_room

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hadr.handover.poses import Array
+from hadr.camera import Array
 from hadr.records.caches import kept
 from hadr.simulation.robot.arm_shape import Part
 from hadr.simulation.world.scenes import FLOOR, MIDDLE, TABLE_FAR, TABLE_NEAR

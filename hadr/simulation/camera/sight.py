@@ -19,12 +19,11 @@ import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from hadr.camera import Intrinsics, back_project, project, window_around
+from hadr.camera import Array, Intrinsics, back_project, project, window_around
 from hadr.corruption import smooth_noise
 from hadr.data.samples import samples_dir
 from hadr.frame_checks import depth_to_use
 from hadr.handover.observation import Observation
-from hadr.handover.poses import Array
 from hadr.handover.tracking import HandFilter
 from hadr.models.hand.plausible import NoHandError
 from hadr.rivals import classical

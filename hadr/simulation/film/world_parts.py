@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from hadr.handover.poses import Array
+from hadr.camera import Array
 from hadr.simulation.robot.arm_shape import box
 from hadr.simulation.world.scenes import TABLE_FAR, TABLE_NEAR
 from hadr.synthesis.glass.surfaces import Surface, vertex_normals

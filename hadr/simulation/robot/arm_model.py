@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from hadr.camera import Array
 from hadr.handover import ur5
 from hadr.handover.grasping.gripper import (
     FINGER_HEIGHT,
@@ -22,7 +23,6 @@ from hadr.handover.grasping.gripper import (
     LARGEST_OPENING,
     gripper_boxes,
 )
-from hadr.handover.poses import Array
 from hadr.simulation.world.scenes import TABLE_FAR, TABLE_NEAR
 
 ROBOT, HAND, OBJECT, GROUND = 1, 2, 4, 8

@@ -13,8 +13,8 @@ import mink
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from hadr.camera import Array
 from hadr.handover import ur5
-from hadr.handover.poses import Array
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig, solutions_by_way
 from hadr.simulation.robot.arm_model import kinematic_model

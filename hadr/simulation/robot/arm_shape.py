@@ -14,6 +14,7 @@ import trimesh
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from hadr.camera import Array
 from hadr.handover import ur5
 from hadr.handover.grasping.gripper import (
     FINGER_HEIGHT,
@@ -23,7 +24,6 @@ from hadr.handover.grasping.gripper import (
     LARGEST_OPENING,
     PAD_THICKNESS,
 )
-from hadr.handover.poses import Array
 from hadr.records.caches import kept
 from hadr.synthesis.glass.surfaces import Surface, merged, revolve
 

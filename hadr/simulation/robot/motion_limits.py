@@ -14,8 +14,8 @@ import mink
 import mujoco
 import numpy as np
 
+from hadr.camera import Array
 from hadr.handover import ur5
-from hadr.handover.poses import Array
 from hadr.handover.simulated_ur5 import TABLE, WORKSPACE, ArmConfig, broken_limit
 from hadr.simulation.robot.arm_model import GRIPPER_GEOMS
 

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from hadr.camera import Array
 from hadr.handover import ur5
 from hadr.handover.grasping.gripper import LARGEST_OPENING
-from hadr.handover.poses import Array, check_pose
+from hadr.handover.poses import check_pose
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig
 from hadr.handover.stages import GENTLE_FORCE

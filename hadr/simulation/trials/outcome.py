@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import transform_points
+from hadr.camera import Array, transform_points
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.gripper import FINGER_LENGTH
 from hadr.handover.observation import Observation
-from hadr.handover.poses import Array
 from hadr.handover.stages import Stage
 from hadr.handover.workflow import Handover
 from hadr.simulation.world.judge import Verdict

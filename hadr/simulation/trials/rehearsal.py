@@ -10,13 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from hadr.camera import transform_points
+from hadr.camera import Array, transform_points
 from hadr.hand import HandShape
 from hadr.handover.grasping.collision import hand_distance
 from hadr.handover.grasping.gripper import FINGER_HEIGHT, FINGER_LENGTH
 from hadr.handover.logs.run_log import RecordedRobot
 from hadr.handover.observation import Observation
-from hadr.handover.poses import Array, camera_at, pose_distance
+from hadr.handover.poses import camera_at, pose_distance
 from hadr.handover.robot import UNLOCK_AFTER
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import Stage

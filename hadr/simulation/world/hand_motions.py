@@ -16,7 +16,7 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hadr.handover.poses import Array
+from hadr.camera import Array
 from hadr.simulation.world.scenes import HeldScene
 
 MotionKind = Literal["still", "drift", "swing", "turn", "give-and-withdraw", "step-aside"]

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from hadr.handover.poses import Array
+from hadr.camera import Array
 from hadr.simulation.world.state import WorldState
 
 Verdict = Literal["", "success", "human contact", "drop", "time-out", "gave up"]

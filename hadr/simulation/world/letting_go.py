@@ -13,8 +13,8 @@ from itertools import pairwise, product
 import mujoco
 import numpy as np
 
+from hadr.camera import Array
 from hadr.hand import FINGERS
-from hadr.handover.poses import Array
 from hadr.simulation.robot.arm_model import OBJECT
 from hadr.simulation.world.model import hand_capsules
 from hadr.simulation.world.scenes import OPENING_STEPS, HeldScene

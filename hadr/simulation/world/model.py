@@ -12,9 +12,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from hadr.camera import Array
 from hadr.hand import FINGERS, keypoints_from_skeleton
 from hadr.handover.grasping.collision import FLESH, FOREARM_LENGTH, FOREARM_RADIUS, LINES
-from hadr.handover.poses import Array
 from hadr.simulation.robot.arm_model import GROUND, HAND, OBJECT, ROBOT, add_arm, add_table
 from hadr.simulation.world.object_parts import convex_parts, handle_capsules, mass_properties
 from hadr.simulation.world.scenes import FLOOR, HeldScene

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from hadr.handover.poses import Array
+from hadr.camera import Array
 from hadr.records.caches import kept
 from hadr.synthesis.glass.objects import bodies
 from hadr.synthesis.glass.shape import GlassObject, handle_sections, profile

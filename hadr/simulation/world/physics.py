@@ -12,8 +12,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from hadr.camera import transform_points
-from hadr.handover.poses import Array
+from hadr.camera import Array, transform_points
 from hadr.handover.robot import UNLOCK_AFTER
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.simulation.robot.arm_model import GRIPPER_GEOMS, HAND, OBJECT, ROBOT

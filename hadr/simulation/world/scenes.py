@@ -12,9 +12,8 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hadr.camera import transform_points
+from hadr.camera import Array, transform_points
 from hadr.hand import ANGLE_NAMES, FINGERS, Skeleton, forward_kinematics, keypoints_from_skeleton
-from hadr.handover.poses import Array
 from hadr.records.caches import read_only
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.glass.shape import GlassObject

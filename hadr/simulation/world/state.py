@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from hadr.handover.poses import Array
+from hadr.camera import Array
 from hadr.records.reading import read_arrays
 from hadr.records.writing import write_arrays
 

@@ -21,13 +21,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import Intrinsics, pixel_grid
+from hadr.camera import Array, Intrinsics, pixel_grid
 from hadr.synthesis.depth_sensor.infrared import InfraredScene, Projector
 from hadr.synthesis.depth_sensor.stereo_matching import Matching, align_to_color, match
 from hadr.synthesis.rendering.raycast import rays_through
 from hadr.synthesis.scene.contents import Scene
 
-Array = npt.NDArray[np.float64]
 Float = npt.NDArray[np.float32]
 Picture = npt.NDArray[np.uint8]
 

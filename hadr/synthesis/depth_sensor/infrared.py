@@ -15,14 +15,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from hadr.camera import Array
 from hadr.records.caches import kept
 from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, RayCaster
 from hadr.synthesis.rendering.refraction import Beams, Ends, follow
 from hadr.synthesis.rendering.shading import texture_color
 from hadr.synthesis.scene.contents import Contents
 from hadr.synthesis.textures.noise import look_up
-
-Array = npt.NDArray[np.float64]
 
 #: Width of the pattern's picture, pixels.
 _TEXTURE = 2048

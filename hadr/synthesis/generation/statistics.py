@@ -9,12 +9,12 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.data.frame import Frame
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.rendering.raycast import RayCaster
 from hadr.synthesis.scene.contents import Contents
 
-Array = npt.NDArray[np.float64]
 _SILHOUETTE_WIDTH = 160
 
 

@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from hadr.camera import Array
 from hadr.records.caches import kept
 from hadr.synthesis.glass.shape import GlassObject, handle_sections, profile, relieved
-
-Array = npt.NDArray[np.float64]
 
 _SAMPLES = 0.0001
 

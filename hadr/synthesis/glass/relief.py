@@ -10,9 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from hadr.camera import Array
 
 #: Radius over which the edges between facets are rounded, metres.
 _ROUNDING = 0.0005

@@ -11,13 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.records.caches import kept
 from hadr.synthesis.glass.relief import Relief
 from hadr.synthesis.glass.surfaces import lengths_along, smooth_curve
-
-Array = npt.NDArray[np.float64]
 
 #: Corner points (r, z) or (r, z, radius), metres; without a radius a corner is as round as fits.
 Corners = tuple[tuple[float, ...], ...]

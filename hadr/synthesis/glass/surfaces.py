@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-Array = npt.NDArray[np.float64]
+from hadr.camera import Array
 
 SEGMENTS = 128
 HANDLE_SEGMENTS = 32

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.hand import FINGERS, HandShape, forward_kinematics
 from hadr.records.caches import kept
 from hadr.synthesis.glass.surfaces import vertex_normals
 from hadr.synthesis.hand.skinning import sized_template
 from hadr.synthesis.hand.template import COARSE_STEP, hand_template
 
-Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.float32]
 
 

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.hand import HandShape, Skeleton
 from hadr.synthesis.glass.surfaces import Surface, vertex_normals
 from hadr.synthesis.hand.relief import SkinMap
 from hadr.synthesis.hand.skinning import posed_vertices
 from hadr.synthesis.hand.template import COARSE_STEP, FINE_STEP, MIDDLE_STEP, hand_template
-
-Array = npt.NDArray[np.float64]
 
 #: Skin tones, linear RGB reflectance, light to dark.
 SKIN_TONES: tuple[tuple[float, float, float], ...] = (

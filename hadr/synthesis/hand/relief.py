@@ -14,10 +14,9 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
+from hadr.camera import Array
 from hadr.hand import FINGERS, HandShape
 from hadr.synthesis.hand.signed_distance import GIRTH, along_finger, rest_skeleton
-
-Array = npt.NDArray[np.float64]
 
 #: Where a nail starts and how far it reaches beside its middle, in a finger's table coordinates
 #: and in fractions of its half-width.

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
+from hadr.camera import Array
 from hadr.hand import FINGERS, HandShape, Skeleton, forward_kinematics
 
-Array = npt.NDArray[np.float64]
 Grid = npt.NDArray[np.float32]
 
 FOREARM_LENGTH = 0.75

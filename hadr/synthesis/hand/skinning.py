@@ -13,12 +13,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from hadr.camera import Array
 from hadr.hand import FINGERS, HandShape, Skeleton
 from hadr.records.caches import kept
 from hadr.synthesis.hand.signed_distance import rest_skeleton
 from hadr.synthesis.hand.template import BONE_COUNT, COARSE_STEP, hand_template
-
-Array = npt.NDArray[np.float64]
 
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from hadr.camera import Array
+
 Grid = npt.NDArray[np.float32]
 
 

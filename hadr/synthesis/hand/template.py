@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation
 
+from hadr.camera import Array
 from hadr.hand import FINGERS, HandShape, Skeleton
 from hadr.records.caches import kept
 from hadr.synthesis.hand.relief import SkinMap, pose_correctives, skin_map
@@ -18,8 +19,6 @@ from hadr.synthesis.hand.signed_distance import (
     signed_distance,
 )
 from hadr.synthesis.hand.surface_nets import surface_nets
-
-Array = npt.NDArray[np.float64]
 
 #: Bone 0 is palm and forearm; bone 1 + 3 i + j is bone j of finger i (thumb 0 .. little 4).
 BONE_COUNT = 16

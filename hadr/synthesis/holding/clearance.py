@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import zoom
 
+from hadr.camera import Array
 from hadr.records.caches import kept
 from hadr.synthesis.glass.distance import signed_distance
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.glass.shape import GlassObject, profile
 
-Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.float32]
 
 #: Cells of the table over (r, z) and around a handle, metres.

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from hadr.camera import Array
 from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape, forward_kinematics
 from hadr.records.caches import kept
 from hadr.synthesis.glass.distance import signed_distance
@@ -23,7 +24,6 @@ from hadr.synthesis.hand.template import COARSE_STEP, hand_template
 from hadr.synthesis.holding.clearance import clearance_table, hollow_distance
 from hadr.synthesis.holding.grasp_optimisation import bone_spheres, object_from_wrist
 
-Array = npt.NDArray[np.float64]
 Part = npt.NDArray[np.int8]
 
 #: Skin nearer than this touches, metres.

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.hand import FINGERS, HandShape, forward_kinematics
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.glass.shape import GlassObject
@@ -20,7 +21,6 @@ from hadr.synthesis.hand.skinning import skin_vertices
 from hadr.synthesis.holding.clearance import ClearanceTable, clearance_table
 from hadr.synthesis.holding.kinds import Action, Placement
 
-Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.float32]
 
 #: Ranges of the search, radians: a little inside of ``hadr.hand.ANGLE_LIMITS``.

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.hand import HandShape, Side
 from hadr.records.caches import kept
 from hadr.synthesis.glass.objects import glass_object
@@ -27,8 +27,6 @@ from hadr.synthesis.holding.grasp_optimisation import (
     push_onto_palm,
 )
 from hadr.synthesis.holding.kinds import Placement, draw_placement, fingers_inside
-
-Array = npt.NDArray[np.float64]
 
 #: Smallest and largest scale: a child of eight, a large man.
 SCALE_RANGE = (0.85, 1.08)

@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.hand import FINGERS
 from hadr.synthesis.glass.shape import GlassObject
 
-Array = npt.NDArray[np.float64]
 #: What a finger does: lie on the glass along its length, touch it with the pad of its tip, do so
 #: from inside the mouth, go through the handle, or rest beside its neighbours.
 Action = Literal["wrap", "tip", "inside", "hook", "free"]

@@ -13,11 +13,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import numpy.typing as npt
 import tyro
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
+from hadr.camera import Array
 from hadr.hand import ANGLE_LIMITS
 from hadr.synthesis.glass.objects import OBJECTS
 from hadr.synthesis.holding.grasp_optimisation import GraspOptimisation, hand_skins
@@ -29,8 +29,6 @@ from hadr.synthesis.recordings.recording import (
     read_recording,
     write_recording,
 )
-
-Array = npt.NDArray[np.float64]
 
 #: Frequency of a hand's tremor, Hz.
 _TREMOR = (7.5, 11.0)

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation, Slerp
 
+from hadr.camera import Array
 from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape
 from hadr.records.reading import parse_json, read_json, structured
 from hadr.records.writing import write_whole
@@ -30,8 +30,6 @@ from hadr.synthesis.recordings.glove_columns import (
     find_angle_columns,
 )
 from hadr.synthesis.recordings.table import Table, read_table
-
-Array = npt.NDArray[np.float64]
 
 _MILLISECONDS = ("elapsedtimeinmilliseconds", "elapsedtimems", "timems", "timestampms")
 _SECONDS = ("elapsedtimeinseconds", "elapsedtimes", "times", "timestamps", "seconds", "timestamp")

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.refraction import GLASS_INDEX
 from hadr.synthesis.scene.contents import Scene, Surroundings
 from hadr.synthesis.textures.families import pyramid
-
-Array = npt.NDArray[np.float64]
 
 #: Surroundings are this many meshes, or more where they have more textures.
 MESHES = 24

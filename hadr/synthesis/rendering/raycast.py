@@ -14,11 +14,9 @@ import numpy.typing as npt
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from hadr.camera import Intrinsics, pixel_grid, ray_directions
+from hadr.camera import Array, Intrinsics, pixel_grid, ray_directions
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.scene.contents import Contents
-
-Array = npt.NDArray[np.float64]
 
 #: What a ray can meet first.
 NOTHING, HAND, GLASS, SURROUNDINGS = 0, 1, 2, 3

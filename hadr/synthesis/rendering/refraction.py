@@ -13,9 +13,9 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.synthesis.rendering.raycast import GLASS, Hits, RayCaster, Rows
 
-Array = npt.NDArray[np.float64]
 Table = TypeVar("Table", bound=Rows)
 
 #: Refractive index of the glass.

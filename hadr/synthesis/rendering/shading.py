@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import Intrinsics, pixel_grid
+from hadr.camera import Array, Intrinsics, pixel_grid
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.color_camera import film
 from hadr.synthesis.rendering.raycast import (
@@ -27,8 +27,6 @@ from hadr.synthesis.rendering.refraction import BOUNCES, Beams, cross
 from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.textures.families import sample
 from hadr.synthesis.textures.noise import SIZE
-
-Array = npt.NDArray[np.float64]
 
 #: Light from all sides, linear RGB, where there is no environment.
 _AMBIENT = np.full(3, 0.5)

@@ -8,12 +8,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import Intrinsics
+from hadr.camera import Array, Intrinsics
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.scene.lights import AreaLight, Environment
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from hadr.camera import Array
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.scene.stage import Stage
 from hadr.synthesis.textures.families import FAMILIES, FEW, VARIANTS, texture_number
-
-Array = npt.NDArray[np.float64]
 
 #: Against gravity, world frame.
 UP = np.array([0.0, 0.0, 1.0])

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.synthesis.textures.noise import look_up, noise, ramp, room_colors
 
-Array = npt.NDArray[np.float64]
 Radiance = npt.NDArray[np.float32]
 
 #: Rows and columns of an environment that is drawn.

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from hadr.camera import TRANSHAND_CAMERA, Intrinsics, pixel_grid, transform_points
+from hadr.camera import TRANSHAND_CAMERA, Array, Intrinsics, pixel_grid, transform_points
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.handover.poses import camera_at
 from hadr.synthesis.glass.objects import bodies, glass_object
@@ -24,8 +23,6 @@ from hadr.synthesis.rendering.raycast import GLASS, HAND, RayCaster, rays_throug
 from hadr.synthesis.scene.contents import Contents, Scene
 from hadr.synthesis.scene.lights import make_lights
 from hadr.synthesis.scene.surroundings import make_surroundings
-
-Array = npt.NDArray[np.float64]
 
 #: How often each of the skin tones is drawn, light to dark.
 SKIN_TONE_WEIGHTS = (0.30, 0.27, 0.17, 0.12, 0.08, 0.06)

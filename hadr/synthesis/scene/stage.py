@@ -7,13 +7,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.synthesis.glass.surfaces import Surface, merged, revolve
 from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.textures.families import pyramid
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from hadr.camera import Array
 from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.scene.furnishing import (
     UP,
@@ -20,8 +20,6 @@ from hadr.synthesis.scene.furnishing import (
     put_thing,
 )
 from hadr.synthesis.scene.stage import Stage
-
-Array = npt.NDArray[np.float64]
 
 #: Distance of the last backdrop from the camera, metres.
 FARTHEST = 5.0

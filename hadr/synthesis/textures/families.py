@@ -16,12 +16,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from hadr.camera import Array
 from hadr.records.caches import kept, kept_by_file
 from hadr.synthesis.textures import materials, plants, views
 from hadr.synthesis.textures.backgrounds import load_background
 from hadr.synthesis.textures.noise import Canvas, look_up
 
-Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 LEVELS = 7

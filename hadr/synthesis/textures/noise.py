@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from hadr.camera import Array
+
 #: A texture in the making: sRGB in [0, 1], float32, shape (H, W, 3).
 Canvas = npt.NDArray[np.float32]
 Field = npt.NDArray[np.float32]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from hadr.camera import Array
 from hadr.synthesis.textures.noise import (
     SIZE,
-    Array,
     Box,
     Canvas,
     hsv,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from hadr.camera import Array
 from hadr.synthesis.textures.materials import boards, carpet, plaid, shingles, wood
 from hadr.synthesis.textures.noise import (
     SIZE,
-    Array,
     Box,
     Canvas,
     grid,
