@@ -115,6 +115,7 @@ def figures(checkpoint: Checkpoint, source: Any, given: Given) -> dict[str, floa
 def run(options: Options) -> int:
     """Run `hadr evaluate`."""
     from hadr.data.folder_checks import check_data
+    from hadr.data.folders import has_split
     from hadr.data.samples import samples_dir
     from hadr.data.transhand import SPLITS
     from hadr.experiments.scoring import EVALUATION_SIZE
@@ -130,7 +131,7 @@ def run(options: Options) -> int:
     check_data(folders, (options.split,), options.objects or None)
     source = open_split(folders, options.split, options.objects or None)
     if source is None:
-        there = [one for one in SPLITS if any((Path(root) / one).is_dir() for root in folders)]
+        there = [one for one in SPLITS if any(has_split(root, one) for root in folders)]
         raise FileNotFoundError(
             f"no folder {options.split} in {', '.join(map(str, folders))}; --split may be "
             f"{' or '.join(there)}"

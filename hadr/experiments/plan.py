@@ -7,9 +7,6 @@ OUT/tables/handover.json          the rows of the handover's table
 from __future__ import annotations
 
 import multiprocessing
-import os
-import threading
-import time
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from multiprocessing import connection
@@ -38,6 +35,7 @@ from hadr.experiments.protocol import (
 from hadr.experiments.runner import ROW, Bench, Run
 from hadr.experiments.steps import Step, left_text
 from hadr.experiments.tables import ABLATION, LEDGER, TABLES, write_tables
+from hadr.records.processes import end_with_parent
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.training.recipe import Given
@@ -233,7 +231,7 @@ def _measured(
             while waiting and not failed and len(working) < jobs:
                 run = waiting.pop(0)
                 # no daemon: with a GPU it has processes of its own, which prepare its batches
-                process = context.Process(target=_measure_alone, args=(bench, run, os.getpid()))
+                process = context.Process(target=_measure_alone, args=(bench, run))
                 process.start()
                 working[process.sentinel] = (run, process)
             for sentinel in connection.wait(list(working)):
@@ -254,16 +252,10 @@ def _measured(
         )
 
 
-def _measure_alone(bench: Bench, run: Run, parent: int) -> None:
+def _measure_alone(bench: Bench, run: Run) -> None:
     """Make one run in a process of its own, which ends when its parent is gone."""
     torch.set_num_threads(1)
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+    end_with_parent()
     bench.measure(run)
 
 

@@ -18,6 +18,7 @@ from hadr.figures.tables.comparison import PUBLISHED_NAMES
 from hadr.figures.tables.handover import paired
 from hadr.figures.tables.results import NAMES, Row, markdown, with_doubt
 from hadr.metrics import METRICS
+from hadr.models.networks import RIVALS
 from hadr.records.reading import read_json
 from hadr.records.result_file import ResultFile, read_result_file
 
@@ -28,8 +29,6 @@ VERDICTS = {
     UNDECIDED: "ours lies within two standard errors of no difference, or has none to be judged by",
     UNTESTED: "nothing here could show it either way",
 }
-RIVALS = ("lidf", "dfnet", "swindrnet", "tode")
-"""The systems that the paper compares with."""
 COMPARISON, HANDOVER = "comparison", "handover_experiment"
 """The notebooks of most claims, without their numbers."""
 FOLDER = "imagenet"

@@ -12,9 +12,7 @@ missing or damaged.
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
-import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing, contextmanager
@@ -27,6 +25,7 @@ import torch
 
 from hadr.handover.stages import Stage, Transition
 from hadr.records.caches import file_sha256
+from hadr.records.processes import end_with_parent, one_thread
 from hadr.records.provenance import plain, record_of
 from hadr.records.reading import read_json, structured
 from hadr.records.result_file import digest, is_sealed, seal_row, sealed_row
@@ -92,13 +91,10 @@ def _here(
     trials: Sequence[Trial], missing: Iterable[int], out: Path, _: int
 ) -> Generator[tuple[int, dict[str, Any]]]:
     """As `_in_processes`, in this one."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # sums have one order then, whatever the number of jobs
-    try:
+    # sums have one order then, whatever the number of jobs
+    with one_thread(torch.get_num_threads, torch.set_num_threads):
         for i in missing:
             yield i, _attempt(trials[i], out)
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _in_processes(
@@ -136,15 +132,8 @@ def _interrupts_wait() -> Iterator[None]:
 def _begin_worker() -> None:
     """Make a process ready for attempts: Ctrl-C is its parent's business, and it ends with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     torch.set_num_threads(1)
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def is_finished(out: Path, trial: Trial) -> bool:

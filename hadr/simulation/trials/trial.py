@@ -85,7 +85,6 @@ ATTEMPT_CONFIG = HandoverConfig(
     largest_drift=0.012,
     restless_after=1.0,
     about="centroid",
-    squeeze=0.085,
     feel_ahead=0.05,
     feel_aside=0.02,
     back_speed=0.12,

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from threading import Lock
 from typing import Any, TypeVar
 
 #: Seconds to wait for a cluster.
@@ -20,10 +19,6 @@ _WORKER_ENVIRONMENT = "distributed.nanny.pre-spawn-environ"
 #: What Dask sets besides, a fixed MALLOC_TRIM_THRESHOLD_, hands each large array back to the
 #: system at once; getting it again then costs as much time as the work itself.
 _ONE_THREAD = {"OMP_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1}
-
-#: How many want a library at one thread just now, and how many threads it had before.
-_USERS: dict[Callable[[int], object], tuple[int, int]] = {}
-_COUNTING = Lock()
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -77,27 +72,6 @@ def connected(scheduler: str | None) -> Iterator[Any]:
         raise OSError(f"no Dask scheduler answers at {scheduler}: {error}") from error
     with client:
         yield client
-
-
-@contextmanager
-def one_thread(count: Callable[[], int], set_count: Callable[[int], object]) -> Iterator[None]:
-    """Keep a library to one thread, and give it back those that it had when the last user is done.
-
-    ``count`` says how many threads the library has, ``set_count`` gives it so many.
-    """
-    with _COUNTING:
-        users, before = _USERS.get(set_count) or (0, count())
-        _USERS[set_count] = users + 1, before
-        set_count(1)
-    try:
-        yield
-    finally:
-        with _COUNTING:
-            users, before = _USERS.pop(set_count)
-            if users > 1:
-                _USERS[set_count] = users - 1, before
-            else:
-                set_count(before)
 
 
 def run_tasks(

@@ -23,7 +23,8 @@ from tqdm import tqdm
 import hadr
 from hadr.data.frame import write_frame
 from hadr.data.frame_pictures import DisparityScale
-from hadr.synthesis.generation.farm import check_workers, connected, one_thread, run_tasks
+from hadr.records.processes import one_thread
+from hadr.synthesis.generation.farm import check_workers, connected, run_tasks
 from hadr.synthesis.generation.folder import generation_folder, recorded_settings, whole_frames
 from hadr.synthesis.generation.frames import (
     build_scene,

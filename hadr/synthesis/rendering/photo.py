@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import pixel_grid
-from hadr.synthesis.generation.farm import one_thread
+from hadr.records.processes import one_thread
 from hadr.synthesis.rendering.color_camera import ColorCamera, develop
 from hadr.synthesis.rendering.mitsuba_scene import mitsuba_sensor, scene_to_mitsuba
 from hadr.synthesis.rendering.mitsuba_variant import LLVM, mitsuba

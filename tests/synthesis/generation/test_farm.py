@@ -9,7 +9,8 @@ import time
 import psutil
 import pytest
 
-from hadr.synthesis.generation.farm import check_workers, connected, one_thread, run_tasks
+from hadr.records.processes import one_thread
+from hadr.synthesis.generation.farm import check_workers, connected, run_tasks
 
 needs_dask = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None,
