@@ -63,16 +63,18 @@ def draw_cubes(
 def voxel_figure(
     points: npt.ArrayLike,
     colors: npt.ArrayLike,
+    of_hand: npt.ArrayLike,
     centers: npt.ArrayLike,
     marked: npt.ArrayLike,
     size: float,
 ) -> Figure:
-    """Draw a point cloud in its occupied voxels, some of them marked in the hand's colour."""
+    """Draw a point cloud in its occupied voxels, the hand's and those marked in its colour."""
     cloud, middle = np.asarray(points, dtype=float), np.asarray(centers, dtype=float)
-    strong = np.asarray(marked, dtype=bool)
+    strong, hand = np.asarray(marked, dtype=bool), np.asarray(of_hand, dtype=bool)
     fig: Figure = plt.figure(figsize=(8, 5.0))
     ax = fig.add_subplot(projection="3d", elev=24, azim=-72)
     ax.scatter(*upright(cloud)[::3].T, c=np.asarray(colors)[::3], s=2.5, depthshade=False)
+    ax.scatter(*upright(cloud[hand]).T, color=COLORS["hand"], s=6, depthshade=False)
     draw_cubes(ax, middle[~strong], size, COLORS["raw"], width=0.5, alpha=0.35)
     draw_cubes(ax, middle[strong], size, COLORS["hand"], width=1.3)
     _draw_camera(ax)
