@@ -96,6 +96,11 @@ def _check_size(height: int, width: int) -> None:
 def decode_image(data: bytes, flags: int) -> npt.NDArray[Any]:
     """Decode a whole PNG or JPEG as OpenCV's flags say, without OpenCV's own messages."""
     check_whole(data)
+    return decode_unchecked(data, flags)
+
+
+def decode_unchecked(data: bytes, flags: int) -> npt.NDArray[Any]:
+    """As `decode_image`, in any format that OpenCV knows; a cut-off file may come out grey."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:

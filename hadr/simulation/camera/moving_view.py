@@ -16,10 +16,10 @@ import numpy as np
 from hadr.camera import Array, Intrinsics, project, ray_directions
 from hadr.simulation.camera.depth_sensor import Depth, Mask
 from hadr.simulation.camera.room import Room, with_parts
-from hadr.simulation.robot.arm_shape import Part, search_tree
+from hadr.simulation.robot.arm_shape import Part
 from hadr.simulation.world.scenes import HeldScene
 from hadr.synthesis.glass.surfaces import merged
-from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS
+from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, search_tree
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.contents import Contents
 

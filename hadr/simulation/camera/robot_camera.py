@@ -18,11 +18,12 @@ from hadr.handover.poses import camera_at
 from hadr.simulation.camera.depth_sensor import Depth, DepthSensor, Mask
 from hadr.simulation.camera.moving_view import MovingView
 from hadr.simulation.camera.room import make_room
-from hadr.simulation.robot.arm_shape import Part, arm_surfaces, search_tree
+from hadr.simulation.robot.arm_shape import Part, arm_surfaces
 from hadr.simulation.world.scenes import MIDDLE, HeldScene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.surfaces import merged
 from hadr.synthesis.rendering.color_camera import ColorCamera, develop
+from hadr.synthesis.rendering.raycast import search_tree
 
 EYE: Array = np.array([0.32, 0.52, 0.54])
 """Where the camera stands in the base frame, metres: 0.64 m from `scenes.MIDDLE`, so far to the

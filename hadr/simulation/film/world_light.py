@@ -13,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.simulation.film.world_parts import ARM, CLOTH, FLOOR, HAND, NOTHING, TABLE, Piece, cloth
-from hadr.simulation.robot.arm_shape import search_tree
 from hadr.synthesis.glass.surfaces import Surface, merged
-from hadr.synthesis.rendering.raycast import RayCaster
+from hadr.synthesis.rendering.raycast import RayCaster, Rows, search_tree
 from hadr.synthesis.rendering.refraction import Beams, cross
 from hadr.synthesis.scene.contents import Contents
 
@@ -45,7 +44,7 @@ _BOUNCES = 8
 
 
 @dataclass(frozen=True)
-class Seen:
+class Seen(Rows):
     """What N rays met first among opaque things; all float32, infinite distance on a miss."""
 
     kind: npt.NDArray[np.int64]
@@ -53,10 +52,6 @@ class Seen:
     normal: Array
     albedo: Array
     point: Array
-
-    def take(self, rows: Any) -> Seen:
-        """Some of them."""
-        return Seen(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
 class Solid:

@@ -47,7 +47,7 @@ _ARMATURES = (0.2, 0.2, 0.2, 0.05, 0.05, 0.05)
 def add_arm(spec: mujoco.MjSpec, *, sliding: bool = True) -> None:
     """Add arm and gripper, its base at the world's origin; fingers that do not slide stand open."""
     spec.compiler.autolimits, spec.compiler.degree = False, False
-    base = spec.worldbody.add_body(name="base_link", quat=_quaternion(ur5.BASE_LINK_FROM_DH_BASE))
+    base = spec.worldbody.add_body(name="base_link", quat=quaternion_of(ur5.BASE_LINK_FROM_DH_BASE))
     base.add_geom(
         name="base",
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -61,7 +61,7 @@ def add_arm(spec: mujoco.MjSpec, *, sliding: bool = True) -> None:
         parent = parent.add_body(
             name=name,
             pos=parent_from_body[:3, 3],
-            quat=_quaternion(parent_from_body),
+            quat=quaternion_of(parent_from_body),
             gravcomp=1.0,
         )
         parent.add_joint(
@@ -92,13 +92,13 @@ def add_arm(spec: mujoco.MjSpec, *, sliding: bool = True) -> None:
     flange = parent.add_body(
         name="flange",
         pos=parent_from_body[:3, 3],
-        quat=_quaternion(parent_from_body),
+        quat=quaternion_of(parent_from_body),
         gravcomp=1.0,
     )
     tool = flange.add_body(
         name="tool",
         pos=FLANGE_FROM_TOOL[:3, 3],
-        quat=_quaternion(FLANGE_FROM_TOOL),
+        quat=quaternion_of(FLANGE_FROM_TOOL),
         gravcomp=1.0,
     )
     tool.add_site(name="tool", pos=[0, 0, 0], size=[0.002, 0, 0])
@@ -242,7 +242,14 @@ def _touch(*, on_table: bool = False) -> dict[str, int]:
     return {"contype": ROBOT, "conaffinity": HAND | OBJECT | (0 if on_table else GROUND)}
 
 
-def _quaternion(pose: Array) -> Array:
+def pose_of(seen: Any) -> Array:
+    """Where MuJoCo's data have a body or a site: its pose in the world, shape (4, 4), metres."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = seen.xmat.reshape(3, 3), seen.xpos
+    return pose
+
+
+def quaternion_of(pose: Array) -> Array:
     """Rotation of a pose (4, 4) as MuJoCo's quaternion (w, x, y, z)."""
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())

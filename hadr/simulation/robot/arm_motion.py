@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 
 import mink
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from hadr.camera import Array
 from hadr.handover import ur5
+from hadr.handover.poses import between, pose_distance
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig, solutions_by_way
-from hadr.simulation.robot.arm_model import kinematic_model
+from hadr.simulation.robot.arm_model import kinematic_model, pose_of
 from hadr.simulation.robot.motion_limits import TOOL_SPEED, MotionConfig, MotionRows
 
 TOOL_ACCELERATION = 0.8
@@ -55,7 +55,7 @@ class ArmMotion:
     def tool_pose_at(self, joints: Array) -> Array:
         """Return base_from_tool (4, 4) in metres for joint angles (6,) in radians."""
         self._trial.update(joints)
-        return self._pose(self._trial)
+        return pose_of(self._trial.data.site(self._site))
 
     def joint_goals(self, base_from_tool: Array, near: Array | None = None) -> Iterator[Array]:
         """Joint angles (6,) that reach a pose (4, 4) within every limit, the shortest way first.
@@ -74,7 +74,7 @@ class ArmMotion:
 
     def _plan(self, target: Array) -> None:
         """Choose joint angles for a target, and the way: straight, or in joint space."""
-        moved = (1.0, 1.0) if self._goal is None else _difference(self._goal_pose, target)
+        moved = (1.0, 1.0) if self._goal is None else pose_distance(self._goal_pose, target)
         if moved[0] < 0.005 and moved[1] < 0.03:
             return
         if self._goal is not None and moved[0] < 0.10 and moved[1] < 0.5:
@@ -84,7 +84,7 @@ class ArmMotion:
                 self._goal_pose = target.copy()
                 return
         end = self.straight_way(target)
-        away = _difference(self._pose(self._configuration), target)
+        away = pose_distance(self._pose(), target)
         if end is None and away[0] < 0.06 and away[1] < 0.35:
             end = self.joints.copy()  # all but there: no other branch
         if end is None:
@@ -92,7 +92,7 @@ class ArmMotion:
         else:
             self._goal, self._goal_pose, self._way = end, target.copy(), [end]
         self._by_joints, self._best, self._idle = end is None, np.inf, 0.0
-        self._start = self._pose(self._configuration)[:3, 3].copy()
+        self._start = self._pose()[:3, 3].copy()
 
     def straight_way(self, target: Array) -> Array | None:
         """Joint angles (6,) at the end of the tool's straight way, None where it leads nowhere.
@@ -100,13 +100,13 @@ class ArmMotion:
         Nor does it past a nearly singular pose. UnreachableError: the target breaks a limit.
         """
         next(self.joint_goals(target))
-        here = self._pose(self._configuration)
-        distance, angle = _difference(here, target)
+        here = self._pose()
+        distance, angle = pose_distance(here, target)
         count = int(np.ceil(max(distance / 0.04, angle / 0.2, 1.0)))
         joints = self.joints
         for share in np.arange(1, count + 1) / count:
             try:
-                goal = next(self.joint_goals(_between(here, target, share, share), joints))
+                goal = next(self.joint_goals(between(here, target, share), joints))
             except UnreachableError:
                 return None
             if np.abs(goal - joints).max() > 0.7 or ur5.singularity(goal) < LEAST_SINGULAR_VALUE:
@@ -143,8 +143,8 @@ class ArmMotion:
         UnreachableError where the target breaks a limit; the command has not changed then.
         """
         self._plan(target)
-        now = self._pose(self._configuration)
-        distance, angle = _difference(now, target)
+        now = self._pose()
+        distance, angle = pose_distance(now, target)
         self._choose_way(target, distance, angle, dt)
         self._frame.set_target(mink.SE3.from_matrix(self._reference(now, target, dt)))
         way = (self._way[0] if self._by_joints else self._way[-1]) - self.joints
@@ -177,12 +177,14 @@ class ArmMotion:
             speed + TOOL_ACCELERATION * dt,
         )
         back = _slowing(off, TOOL_SPEED / 2, TOOL_ACCELERATION, dt)
-        angle = _difference(now, target)[1]
+        angle = pose_distance(now, target)[1]
         turn = min(
             _slowing(angle, c.turn_speed, c.turn_acceleration, dt), spin + c.turn_acceleration * dt
         )
-        pose = _between(now, target, 0.0, turn * dt / max(angle, 1e-9))
-        pose[:3, 3] += (fast / max(ahead, 1e-9) * along + back / max(off, 1e-9) * aside) * dt
+        pose = between(now, target, turn * dt / max(angle, 1e-9))
+        pose[:3, 3] = (
+            now[:3, 3] + (fast / max(ahead, 1e-9) * along + back / max(off, 1e-9) * aside) * dt
+        )
         return pose
 
     def brake(self, dt: float, acceleration: float) -> None:
@@ -209,7 +211,7 @@ class ArmMotion:
         if self._by_joints:
             if np.abs(self._way[0] - self.joints).max() < 0.05:
                 self._by_joints = len(self._way) > 1
-                self._start = self._pose(self._configuration)[:3, 3].copy()
+                self._start = self._pose()[:3, 3].copy()
                 self._way = self._way[-1:]
             return
         left = distance + 0.1 * angle
@@ -220,28 +222,10 @@ class ArmMotion:
             self._find_way(target)
             self._by_joints, self._idle, self._best = True, 0.0, np.inf
 
-    def _pose(self, configuration: mink.Configuration) -> Array:
-        pose = np.eye(4)
-        pose[:3, :3] = configuration.data.site_xmat[self._site].reshape(3, 3)
-        pose[:3, 3] = configuration.data.site_xpos[self._site]
-        return pose
+    def _pose(self) -> Array:
+        return pose_of(self._configuration.data.site(self._site))
 
 
 def _slowing(distance: float, speed: float, acceleration: float, dt: float) -> float:
     """Speed at a distance from the target so that it is reached without overshoot."""
     return min(speed, float(np.sqrt(2 * acceleration * distance)), distance / (3 * dt))
-
-
-def _difference(first: Array, second: Array) -> tuple[float, float]:
-    """Distance in metres and angle in radians between two poses (4, 4)."""
-    turn = Rotation.from_matrix(first[:3, :3].T @ second[:3, :3]).magnitude()
-    return float(np.linalg.norm(first[:3, 3] - second[:3, 3])), float(turn)
-
-
-def _between(first: Array, second: Array, shift: float, turn: float) -> Array:
-    """A pose at the shares shift and turn of the way from the first pose to the second."""
-    pose = np.eye(4)
-    way = Rotation.from_matrix(first[:3, :3].T @ second[:3, :3]).as_rotvec()
-    pose[:3, :3] = first[:3, :3] @ Rotation.from_rotvec(turn * way).as_matrix()
-    pose[:3, 3] = first[:3, 3] + shift * (second[:3, 3] - first[:3, 3])
-    return pose

@@ -6,13 +6,9 @@ for the camera's depth: rounded solids of about the real sizes, a centimetre off
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 
 from hadr.camera import Array
 from hadr.handover import ur5
@@ -107,13 +103,6 @@ def box(low: npt.ArrayLike, high: npt.ArrayLike) -> Surface:
     vertices = np.array(solid.triangles).reshape(-1, 3)
     faces = np.arange(len(vertices)).reshape(-1, 3)
     return Surface(vertices, faces, np.repeat(np.array(solid.face_normals), 3, axis=0))
-
-
-def search_tree(surface: Surface) -> Any:
-    """Embree's search tree over one surface."""
-    tree = EmbreeScene(robust=True)
-    TriangleMesh(tree, surface.vertices.astype(np.float32), surface.faces.astype(np.int32))
-    return tree
 
 
 _S = ur5.SHOULDER_OFFSET

@@ -18,6 +18,7 @@ from hadr.handover.poses import check_pose
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig
 from hadr.handover.stages import GENTLE_FORCE
+from hadr.simulation.robot.arm_model import pose_of
 from hadr.simulation.robot.arm_motion import LEAST_SINGULAR_VALUE, ArmMotion
 from hadr.simulation.robot.motion_limits import MotionConfig
 
@@ -90,10 +91,7 @@ class PhysicalUR5:
 
     def tool_pose(self) -> Array:
         """Return base_from_tool now as the physics has it, shape (4, 4), metres."""
-        pose = np.eye(4)
-        pose[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
-        pose[:3, 3] = self._data.site_xpos[self._site]
-        return pose
+        return pose_of(self._data.site(self._site))
 
     def joint_positions(self) -> Array:
         """Return the six joint angles now, radians."""

@@ -15,7 +15,15 @@ import numpy as np
 from hadr.camera import Array
 from hadr.hand import FINGERS, keypoints_from_skeleton
 from hadr.handover.grasping.collision import FLESH, FOREARM_LENGTH, FOREARM_RADIUS, LINES
-from hadr.simulation.robot.arm_model import GROUND, HAND, OBJECT, ROBOT, add_arm, add_table
+from hadr.simulation.robot.arm_model import (
+    GROUND,
+    HAND,
+    OBJECT,
+    ROBOT,
+    add_arm,
+    add_table,
+    quaternion_of,
+)
 from hadr.simulation.world.object_parts import convex_parts, handle_capsules, mass_properties
 from hadr.simulation.world.scenes import FLOOR, HeldScene
 from hadr.synthesis.glass.shape import GlassObject
@@ -64,7 +72,7 @@ def world_model(scene: HeldScene) -> mujoco.MjModel:
         name1="hand",
         name2="object",
         # one point in the object's frame, in the hand's, and how the one is turned in the other
-        data=[*object_from_wrist @ tips, *tips[:3], *_pose_numbers(wrist_from_object)[3:], 1.0, 0],
+        data=[*object_from_wrist @ tips, *tips[:3], *quaternion_of(wrist_from_object), 1.0, 0],
         solref=[0.01, 1.0],
     )
     return spec.compile()
@@ -138,8 +146,7 @@ def _add_object(spec: mujoco.MjSpec, scene: HeldScene) -> None:
 
 
 def _free_body(spec: mujoco.MjSpec, name: str, pose: Array) -> Any:
-    numbers = _pose_numbers(pose)
-    body = spec.worldbody.add_body(name=name, pos=numbers[:3], quat=numbers[3:])
+    body = spec.worldbody.add_body(name=name, pos=pose[:3, 3], quat=quaternion_of(pose))
     body.add_freejoint(name=name)
     return body
 
@@ -150,10 +157,3 @@ def _set_inertia(body: Any, mass: float, center: Array, inertia: Array) -> None:
     body.mass, body.ipos = mass, center
     xx, yy, zz = np.diag(inertia)
     body.fullinertia = [xx, yy, zz, inertia[0, 1], inertia[0, 2], inertia[1, 2]]
-
-
-def _pose_numbers(pose: Array) -> list[float]:
-    """A pose (4, 4) as position and quaternion (w, x, y, z), seven numbers."""
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())
-    return [*pose[:3, 3].tolist(), *quaternion.tolist()]

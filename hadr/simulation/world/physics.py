@@ -15,7 +15,7 @@ import numpy as np
 from hadr.camera import Array, transform_points
 from hadr.handover.robot import UNLOCK_AFTER
 from hadr.handover.simulated_ur5 import ArmConfig
-from hadr.simulation.robot.arm_model import GRIPPER_GEOMS, HAND, OBJECT, ROBOT
+from hadr.simulation.robot.arm_model import GRIPPER_GEOMS, HAND, OBJECT, ROBOT, pose_of
 from hadr.simulation.robot.motion_limits import MotionConfig
 from hadr.simulation.robot.physical_arm import PhysicalUR5
 from hadr.simulation.world.letting_go import (
@@ -187,8 +187,8 @@ class World:
             time=self.time,
             joints=self.robot.joint_positions(),
             gripper_width=self.robot.gripper_width(),
-            base_from_wrist=self._pose(self._hand),
-            base_from_object=self._pose(self._object),
+            base_from_wrist=pose_of(self._data.body(self._hand)),
+            base_from_object=pose_of(self._data.body(self._object)),
             holder=self.holder(),
             hand_force=self._largest_force,
             through_force=self._largest_through,
@@ -203,7 +203,7 @@ class World:
 
     def keypoints(self) -> Array:
         """The hand where it truly is, shape (21, 3), metres, base frame."""
-        moved = self._pose(self._hand) @ np.linalg.inv(self._rest)
+        moved = pose_of(self._data.body(self._hand)) @ np.linalg.inv(self._rest)
         points: Array = transform_points(moved, self.scene.opened(self._opened).keypoints)
         return points
 
@@ -213,12 +213,6 @@ class World:
         if self._released_at is None:
             return "both" if gripped else "hand"
         return "gripper" if gripped else "nobody"
-
-    def _pose(self, body: int) -> Array:
-        pose = np.eye(4)
-        pose[:3, :3] = self._data.xmat[body].reshape(3, 3)
-        pose[:3, 3] = self._data.xpos[body]
-        return pose
 
     def _hand_target(self, time: float) -> Array:
         """Where the hand wants its wrist, base frame, shape (4, 4)."""

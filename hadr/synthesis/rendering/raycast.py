@@ -43,13 +43,15 @@ class Labels:
     normals: npt.NDArray[np.float32]
 
 
-@lru_cache(maxsize=8)
-def _tree(surfaces: tuple[Surface, ...]) -> Any:
-    """The search tree over surfaces; kept, since a probe and a picture ask the same ones."""
+def search_tree(*surfaces: Surface) -> Any:
+    """Embree's search tree over surfaces, each a mesh of its own."""
     tree = EmbreeScene(robust=True)  # hardly a ray slips through between two triangles
     for surface in surfaces:
         TriangleMesh(tree, surface.vertices.astype(np.float32), surface.faces.astype(np.int32))
     return tree
+
+
+_kept_tree = lru_cache(maxsize=8)(search_tree)  # a probe and a picture ask the same ones
 
 
 class Rows:
@@ -148,8 +150,8 @@ class RayCaster:
         self.meshes = [*self._opaque, *((GLASS, body) for body in glass)]
         self._kinds = np.array([kind for kind, _ in self.meshes] + [NOTHING])
         # One tree per kind of thing: (number of its first mesh, tree). A ray asks several.
-        self._solid = [(i, _tree((surface,))) for i, (_, surface) in enumerate(self._opaque)]
-        self._clear = [(len(self._opaque), _tree(glass))] if glass else []
+        self._solid = [(i, _kept_tree(surface)) for i, (_, surface) in enumerate(self._opaque)]
+        self._clear = [(len(self._opaque), _kept_tree(*glass))] if glass else []
         self._all = [*self._solid, *self._clear]
 
     @staticmethod

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from hadr.data.frame_pictures import JPEG_START, PNG_START, check_whole
+from hadr.data.frame_pictures import JPEG_START, PNG_START, check_whole, decode_unchecked
 
 Image = npt.NDArray[np.uint8]
 
@@ -57,21 +57,15 @@ def load_background(path: Path) -> Image:
 
 def _read_photograph(path: Path) -> npt.NDArray[np.generic]:
     """A photograph as it is, in OpenCV's order of colours; a ``ValueError`` says what is wrong."""
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         data = path.read_bytes()
         if data.startswith((JPEG_START, PNG_START)):
             check_whole(data)
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+        image = decode_unchecked(data, cv2.IMREAD_COLOR)
     except OSError as error:
         raise ValueError(f"can't read the photograph {path}: {error.strerror}") from error
-    except (ValueError, cv2.error) as error:
+    except ValueError as error:
         raise ValueError(f"can't read the photograph {path}: {error}") from error
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-    if image is None:
-        raise ValueError(f"can't read the photograph {path}: it can't be decoded")
     if min(image.shape[:2]) < 16:
         raise ValueError(f"the photograph {path} has only {image.shape[1]}x{image.shape[0]} pixels")
-    return np.asarray(image)
+    return image
