@@ -185,7 +185,7 @@ def _ablation_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
             f"{claimed}: RMSE {theirs['Full Model']:.1f} to {theirs[PUBLISHED_NAMES[method]]:.1f} "
             "cm.",
             "IV-A, table II",
-            f"{_cm(full)} to {_cm(row)} cm, {100 * mean:+.2f} ± {100 * doubt:.2f}",
+            f"{_cm(row)} cm without it, {_cm(full)} with it: {100 * mean:+.2f} ± {100 * doubt:.2f}",
             verdict(mean, doubt), COMPARISON, name, remarks.get(method, ""),
         )  # fmt: skip
     flat, without = (file.row(method=m)["against_full"] for m in ("hand-2d", "no-hand"))
@@ -196,8 +196,8 @@ def _ablation_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
         f"With the keypoints' pixels alone HADR is only slightly worse: {theirs['Full Model']:.1f} "
         f"to {theirs['2D Hand Feature']:.1f} cm.",
         "IV-A, table II",
-        f"{_cm(full)} to {_cm(file.row(method='hand-2d'))} cm; without any hand "
-        f"{_cm(file.row(method='no-hand'))}",
+        f"{_cm(file.row(method='hand-2d'))} cm with 2D, {_cm(full)} with 3D, "
+        f"{_cm(file.row(method='no-hand'))} without any hand",
         verdict(half, doubt), COMPARISON, name,
         "*Slightly* is taken for less than half of what the hand brings.",
     )  # fmt: skip
@@ -320,18 +320,19 @@ def found_paragraph(results: Path) -> str:
     named: dict[str, list[str]] = {word: [] for word in VERDICTS}
     for claim in claims(results):
         shown = claim.verdict in (AGREES, CONTRADICTS)
-        named[claim.verdict].append(f"{claim.name} ({claim.ours})" if shown else claim.name)
+        named[claim.verdict].append(f"\n  - {claim.name}: {claim.ours}" if shown else claim.name)
     known = read_result_file(results / FOLDER / "known.json")
     hadr, plain = known.row(method="hadr"), known.row(method="unet-hand")
     nearer = "nearer to" if plain["rmse_m"] < hadr["rmse_m"] else "no nearer to"
     heads = ("Also found here", "Contradicted", "Undecided", "Not tested")
     lines = [
-        f"- **{head}, {len(names)}:** {'; '.join(names) or 'none'}."
+        f"- **{head}, {len(names)}:** {'; '.join(names).replace('; \n', '\n') or 'none'}"
         for head, names in zip(heads, named.values(), strict=True)
     ]
     return "\n".join((
-        f"Of {sum(map(len, named.values()))} claims of the paper, errors as RMSE (the root of the "
-        "mean squared error):\n", *lines,
+        f"Of {sum(map(len, named.values()))} claims of the paper, of HADR and four rivals "
+        f"({', '.join(NAMES[rival] for rival in RIVALS)}); errors as RMSE (the root of the mean "
+        "squared error), with their standard error:\n", *lines,
         "\nAnd what the paper did not ask: a plain U-Net that is told where the hand is comes "
         f"{nearer} the truth than HADR ({_cm(plain)} cm against {_cm(hadr)} on known objects).",
     ))  # fmt: skip

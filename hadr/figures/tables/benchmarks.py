@@ -22,18 +22,21 @@ def by_heart_table(rows: Sequence[Row]) -> str:
         verdict = "yes" if row["is_reached"] else "**no**"
         steps = str(row["steps"] + row.get("frozen_steps", 0))
         lines.append([row["network"], steps, value, goal, verdict, _within_reach(row)])
-    head = ["network", "steps", "after them", "goal", "reached", "the most that it can express"]
+    head = ["network", "steps", "after them", "goal", "reached", "why not"]
     return markdown(pd.DataFrame(lines, columns=head), "lrrrll")
 
 
 def _within_reach(row: Row) -> str:
-    """What a network that misses its goal can express at all."""
+    """Why a network misses its goal: the most that it can express."""
     if row["is_reached"]:
         return ""
     if "mae_where_true_voxel_m" in row:
         share = 100 * row["share_with_true_voxel"]
         reached = 1000 * row["mae_where_true_voxel_m"]
-        return f"{share:.1f} % of its rays, those whose true voxel is a candidate: {reached:.2f} mm"
+        return (
+            f"the true voxel of {100 - share:.1f} % of its rays is no candidate; "
+            f"on the others {reached:.2f} mm"
+        )
     if "least_mae_of_its_grid_m" in row:
         least = 1000 * row["least_mae_of_its_grid_m"]
         return f"an image of a quarter of the size, enlarged: no less than {least:.1f} mm"
