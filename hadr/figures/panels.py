@@ -37,6 +37,7 @@ COLORS: dict[str, str] = {
     "highlight": "#F0E442",
     "background": "#B8B8B8",
     "rival": "#661100",
+    "second rival": "#7716D9",
 }
 #: Colours of the five fingers, thumb to little finger.
 FINGER_COLORS: dict[str, str] = {

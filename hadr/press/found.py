@@ -317,20 +317,20 @@ def found_rules(results: Path) -> str:
 
 def found_paragraph(results: Path) -> str:
     """What was reproduced, contradicted, left open and not tested, as Markdown."""
-    named: dict[str, list[str]] = {word: [] for word in VERDICTS}
-    for claim in claims(results):
-        shown = claim.verdict in (AGREES, CONTRADICTS)
-        named[claim.verdict].append(f"\n  - {claim.name}: {claim.ours}" if shown else claim.name)
+    heads = ("Also found here", "Contradicted", "Undecided", "Not tested")
+    lines, listed = [], claims(results)
+    for head, word in zip(heads, VERDICTS, strict=True):
+        those = [claim for claim in listed if claim.verdict == word]
+        if word in (AGREES, CONTRADICTS):
+            said = "".join(f"\n  - {claim.name}: {claim.ours}" for claim in those)
+        else:
+            said = "; ".join(claim.name for claim in those)
+        lines.append(f"- **{head}, {len(those)}:** {said or 'none'}")
     known = read_result_file(results / FOLDER / "known.json")
     hadr, plain = known.row(method="hadr"), known.row(method="unet-hand")
     nearer = "nearer to" if plain["rmse_m"] < hadr["rmse_m"] else "no nearer to"
-    heads = ("Also found here", "Contradicted", "Undecided", "Not tested")
-    lines = [
-        f"- **{head}, {len(names)}:** {'; '.join(names).replace('; \n', '\n') or 'none'}"
-        for head, names in zip(heads, named.values(), strict=True)
-    ]
     return "\n".join((
-        f"Of {sum(map(len, named.values()))} claims of the paper, of HADR and four rivals "
+        f"Of {len(listed)} claims of the paper, of HADR and four rivals "
         f"({', '.join(NAMES[rival] for rival in RIVALS)}); errors as RMSE (the root of the mean "
         "squared error), with their standard error:\n", *lines,
         "\nAnd what the paper did not ask: a plain U-Net that is told where the hand is comes "

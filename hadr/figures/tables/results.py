@@ -41,7 +41,7 @@ NAMES: dict[str, str] = {
 }
 """How a method of a result file is called in tables and pictures, in the order of the tables."""
 _SIGNS = (
-    ("hadr", "o"), ("voxel", "^"), ("highlight", "v"), ("truth", "s"), ("rival", "X"),
+    ("hadr", "o"), ("voxel", "^"), ("second rival", "v"), ("truth", "s"), ("rival", "X"),
     ("baseline", "P"), ("robot", "*"), ("glass", "d"), ("hand", "p"),
 )  # fmt: skip
 """Colour and marker of the depth networks, in the order of their table; the last are to spare."""
@@ -253,22 +253,25 @@ def draw_by_object(
     part: str = "rmse_m",
     xlabel: str = "RMSE (cm)",
 ) -> None:
-    """Draw each method's error on each object as a dot."""
+    """Draw each method's error on each object as a dot, one below the other as in the legend."""
     chosen = ordered(rows, split)
+    below = np.linspace(-0.33, 0.33, len(chosen))
     objects = sorted({number for row in chosen for number in row["by_object"]})
     series = [
         Dots([100 * row["by_object"][number][part] for number in objects],
              system_color(row["method"]), system_marker(row["method"]),
-             NAMES.get(str(row["method"]), str(row["method"])), hollow=row["method"] == "hadr-long")
-        for row in chosen
+             NAMES.get(str(row["method"]), str(row["method"])), hollow=row["method"] == "hadr-long",
+             aside=aside)
+        for row, aside in zip(chosen, below, strict=True)
     ]  # fmt: skip
-    draw_dot_rows(ax, [names.get(n, n) for n in objects], series)
+    draw_dot_rows(ax, [names.get(n, n) for n in objects], series, size=6)
     ax.set(xlabel=xlabel, title=f"{split} objects")
     if part == "bias_m":
         ax.axvline(0, color=COLORS["truth"], lw=0.8)
     else:
         ax.set_xlim(0, None)
-    ax.grid(axis="y", lw=0.5, alpha=0.5)
+    for row in range(0, len(objects), 2):
+        ax.axhspan(row - 0.5, row + 0.5, color="#000000", alpha=0.05, lw=0)
 
 
 def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:

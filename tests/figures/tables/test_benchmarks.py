@@ -17,7 +17,7 @@ def test_metres_and_overlap_in_the_units_a_reader_knows() -> None:
     lines = by_heart_table(rows).splitlines()
     own, grid, masks = ([c.strip() for c in line.strip("|").split("|")] for line in lines[2:])
     assert own[:5] == ["hadr", "600", "3.1 mm", "2.0 mm", "**no**"]
-    assert own[5] == "98.5 % of its rays, those whose true voxel is a candidate: 0.06 mm"
+    assert own[5] == "the true voxel of 1.5 % of its rays is no candidate; on the others 0.06 mm"
     assert grid[1:3] == ["2600", "5.0 mm"]
     assert grid[5] == "an image of a quarter of the size, enlarged: no less than 4.2 mm"
     assert masks == ["segmentation", "600", "0.996 IoU", "0.980 IoU", "yes", ""]
