@@ -13,8 +13,8 @@ import numpy as np
 
 from hadr.camera import Array
 from hadr.records.caches import kept
-from hadr.simulation.robot.arm_shape import Part
-from hadr.simulation.world.scenes import FLOOR, MIDDLE, TABLE_FAR, TABLE_NEAR
+from hadr.simulation.robot.arm_shape import FLOOR, TABLE_FAR, TABLE_NEAR, Part
+from hadr.simulation.world.scenes import MIDDLE
 from hadr.synthesis.glass.surfaces import merged
 from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.scene.furnishing import UP, TextureChoice, natural_size, put_thing

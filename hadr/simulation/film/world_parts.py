@@ -6,8 +6,8 @@ import numpy as np
 import trimesh
 
 from hadr.camera import Array
-from hadr.simulation.robot.arm_shape import box
-from hadr.simulation.world.scenes import TABLE_FAR, TABLE_NEAR
+from hadr.simulation.robot.arm_shape import FLOOR as FLOOR_HEIGHT
+from hadr.simulation.robot.arm_shape import TABLE_FAR, TABLE_NEAR, box
 from hadr.synthesis.glass.surfaces import Surface, vertex_normals
 
 Piece = tuple[Surface, Array, int]
@@ -18,7 +18,6 @@ NOTHING, ARM, HAND, CLOTH, TABLE, FLOOR, GLASS = range(7)
 
 TABLE_HALF_WIDTH, TABLE_THICKNESS = 0.45, 0.035
 """Along y, and downward, metres: a wider table would hide the view from the side."""
-FLOOR_HEIGHT = -0.74
 _WOOD = np.array([[0.36, 0.25, 0.16]])
 _LINEN = np.array([[0.66, 0.63, 0.56]])
 _CONCRETE = np.array([[0.40, 0.41, 0.41]])

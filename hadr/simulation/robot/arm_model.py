@@ -23,7 +23,7 @@ from hadr.handover.grasping.gripper import (
     LARGEST_OPENING,
     gripper_boxes,
 )
-from hadr.simulation.world.scenes import TABLE_FAR, TABLE_NEAR
+from hadr.simulation.robot.arm_shape import TABLE_FAR, TABLE_NEAR
 
 ROBOT, HAND, OBJECT, GROUND = 1, 2, 4, 8
 """Bits that say what collides with what."""

@@ -105,6 +105,8 @@ def box(low: npt.ArrayLike, high: npt.ArrayLike) -> Surface:
     return Surface(vertices, faces, np.repeat(np.array(solid.face_normals), 3, axis=0))
 
 
+TABLE_NEAR, TABLE_FAR, FLOOR = -0.40, 0.42, -0.75
+"""Edges of the robot's table along x, whose top lies at z = 0, and the floor's height, metres."""
 _S = ur5.SHOULDER_OFFSET
 _E = _S + ur5.ELBOW_OFFSET
 _ELBOW, _WRIST = -ur5.DH_A[1], -ur5.DH_A[2]

@@ -24,8 +24,9 @@ from hadr.simulation.robot.arm_model import (
     add_table,
     quaternion_of,
 )
+from hadr.simulation.robot.arm_shape import FLOOR
 from hadr.simulation.world.object_parts import convex_parts, handle_capsules, mass_properties
-from hadr.simulation.world.scenes import FLOOR, HeldScene
+from hadr.simulation.world.scenes import HeldScene
 from hadr.synthesis.glass.shape import GlassObject
 
 TIMESTEP = 0.002

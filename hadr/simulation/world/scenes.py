@@ -21,8 +21,6 @@ from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import SKIN_TONES, HandMesh, hand_mesh
 from hadr.synthesis.holding.hold import Hold, make_hold
 
-TABLE_NEAR, TABLE_FAR, FLOOR = -0.40, 0.42, -0.75
-"""Edges of the robot's table along x, whose top lies at z = 0, and the floor's height, metres."""
 MIDDLE: Array = np.array([0.62, 0.0, 0.32])
 """Where the middle of the object is held out, metres; each scene differs by some centimetres."""
 _STRETCHES = np.array(["stretch" in name for name in ANGLE_NAMES])
