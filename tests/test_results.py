@@ -652,6 +652,31 @@ def test_readme_and_chapter_13_say_what_the_attempts_say() -> None:
         assert words.format(*ends) in chapter
 
 
+def test_chapter_13_says_what_came_out_again() -> None:
+    of, chapter = attempts_rows(), page_text(CHAPTER_13)
+    again = {
+        row["condition"]: row
+        for row in read_result_file(RESULTS / "mini" / "handover_again.json").rows
+    }
+    plain, paper, before = again["unet-hand"], again["hadr"], of["unet-hand"]
+    assert {row["attempts"] for row in again.values()} == {96}
+    words = f"takes {plain['successes']} glasses where it took {before['successes']}, "
+    assert words in chapter
+    assert plain["successes"] - paper["successes"] == 11  # "eleven more than HADR"
+    assert f"The {paired(before, plain)[0]} attempts that it lost" in chapter
+    assert all(paired(of[name], again[name])[2] > 0.3 for name in set(again) - {"unet-hand"})
+    assert paired(plain, paper)[2] > 0.05  # "which chance may do"
+    assert paired(paper, again["raw"])[2] < 0.01
+    assert paired(again["hadr-plus"], paper)[2] < 0.01
+    touch = {n: row["largest_force_n"] for n, row in again.items() if row["largest_force_n"] > 20}
+    assert list(touch) == ["hadr"]
+    assert f"with HADR's depth and {touch['hadr']:.0f} N" in chapter
+    names = ("perfect", "unet-hand", "hadr-plus", "hadr", "raw")
+    shares = [f"{100 * again[name]['rate']:.0f}" for name in names]
+    words = f"succeed in {', '.join(shares[:-1])} and {shares[-1]} %"
+    assert words in page_text("README.md")
+
+
 def test_chapter_13_says_what_the_robot_went_by() -> None:
     of, chapter = attempts_rows(), page_text(CHAPTER_13)
     sensor = of["raw"]
