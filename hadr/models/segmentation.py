@@ -18,7 +18,6 @@ from hadr.models.blocks.efficientnet_lite import CHANNELS, LiteConfig
 from hadr.models.blocks.resnet import ResNetUNet, UNetConfig
 from hadr.models.config import NetworkConfig
 from hadr.models.hand.crop import HandCrop
-from hadr.models.network_input import masked_rays
 from hadr.models.window import WindowConfig, whole_windows, windows_around
 from hadr.records.provenance import IF_CHANGED
 
@@ -84,21 +83,14 @@ def predict_logits(model: SegmentationNet, color: Tensor) -> Tensor:
         if view is None:
             logits: Tensor = model(color)
             return logits
-        everything = whole_windows(color, view.size)
-        rays = masked_rays(torch.ones_like(color[:, 0], dtype=torch.bool))  # (B H W, 3)
-        logits = _seen_by(model, everything, color, rays)  # (B, classes, H, W)
-        crop = _around(logits[:, 0] > 0, view)
-        again = _seen_by(model, crop, color, rays)
-        at = crop.place(rays[:, [2, 1]].float(), rays[:, 0])
-        within = ((at > -0.5) & (at < view.size - 0.5)).all(dim=1).view_as(color[:, :1])
-        return torch.where(within, again, logits)
+        logits, _ = _seen_by(model, whole_windows(color, view.size), color)
+        again, within = _seen_by(model, _around(logits[:, 0] > 0, view), color)
+        return torch.where(within[:, None], again, logits)
 
 
-def _seen_by(model: SegmentationNet, crop: HandCrop, color: Tensor, rays: Tensor) -> Tensor:
-    """Logits of pictures (B, 3, H, W) that are seen through windows, (B, classes, H, W)."""
-    count, _, height, width = color.shape
-    found = crop.look_up(model(crop.sample(color, "bilinear")), rays)  # (B H W, classes)
-    return found.view(count, height, width, -1).permute(0, 3, 1, 2)
+def _seen_by(model: SegmentationNet, crop: HandCrop, color: Tensor) -> tuple[Tensor, Tensor]:
+    """Logits of pictures that are seen through windows, and which pixels these show, (B, H, W)."""
+    return crop.spread(model(crop.sample(color, "bilinear")), color.shape[2:])
 
 
 def _around(found: Tensor, view: WindowConfig) -> HandCrop:

@@ -49,6 +49,18 @@ class HandCrop:
             images, torch.stack((x, y), dim=-1), mode=mode, align_corners=False
         )
 
+    def spread(self, crops: Tensor, size: Sequence[int]) -> tuple[Tensor, Tensor]:
+        """Interpolate crops (B, C, size, size) at all pixels of frames of (rows, columns).
+
+        Gives (B, C, H, W), beyond the border the border's values, and which pixels lie inside.
+        """
+        rows, columns = (torch.arange(n, device=crops.device, dtype=crops.dtype) for n in size)
+        pixels = torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1)  # (H, W, 2)
+        step, center = self.step[:, None, None], self.center[:, None, None]  # (B, 1, 1, 2)
+        at = 2 * (pixels - center) / step / self.size  # (B, H, W, 2): -1..1 inside
+        found = functional.grid_sample(crops, at, padding_mode="border", align_corners=False)
+        return found, (at.abs() < 1).all(dim=-1)
+
     def place(self, pixels: Tensor, frame: Tensor) -> Tensor:
         """Bring pixels (column, row), (N, 2), of frames (N,) into their crops: 0..size-1 inside."""
         center, step = self.center.index_select(0, frame), self.step.index_select(0, frame)

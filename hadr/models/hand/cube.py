@@ -114,9 +114,8 @@ def hand_center(depth: Tensor, hand: Tensor, held: Tensor, intrinsics: Tensor) -
         )
     height, width = depth.shape[1:]
     rows, columns = round(height * BESIDE * 16 / 9), round(width * BESIDE)
-    around = functional.max_pool2d(
-        held[:, None].float(), (2 * rows + 1, 2 * columns + 1), 1, (rows, columns)
-    )[:, 0]
+    above = functional.max_pool2d(held.float(), (2 * rows + 1, 1), 1, (rows, 0))
+    around = functional.max_pool2d(above, (1, 2 * columns + 1), 1, (0, columns))  # (B, H, W)
     beside = seen & (around > 0)
     centers = []
     for number in range(len(depth)):

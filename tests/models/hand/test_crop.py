@@ -65,6 +65,20 @@ def test_rays_outside_of_the_crop_take_its_border():
     assert crop.look_up(maps, rays).flatten().tolist() == pytest.approx([0.0, 31.0])
 
 
+def test_a_crop_is_spread_over_the_pixels_of_its_frame():
+    crop = hand_crop(frames(), 32, 0.001)
+    ramp = torch.arange(32.0)
+    maps = torch.stack((ramp.expand(32, 32), ramp[:, None].expand(32, 32))).expand(2, 2, 32, 32)
+    found, within = crop.spread(maps, (144, 256))
+    frame, row, column = torch.meshgrid(*map(torch.arange, (2, 144, 256)), indexing="ij")
+    rays = torch.stack((frame, row, column), dim=-1).reshape(-1, 3)
+    assert torch.allclose(
+        found.permute(0, 2, 3, 1).reshape(-1, 2), crop.look_up(maps, rays), atol=1e-4
+    )
+    # steps of 0.4 columns and 0.2 rows at 0.5 m, half as much at 1 m, around (104.5, 49.5)
+    assert within.sum(dim=(1, 2)).tolist() == [12 * 6, 6 * 4]
+
+
 def test_an_empty_mask_centres_the_crop():
     inputs = frames((0.5,))
     inputs.mask[:] = False
