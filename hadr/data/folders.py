@@ -57,10 +57,12 @@ def check_folders(folders: Sequence[str | Path]) -> None:
     """Refuse data folders of which one is no data folder, or is named twice.
 
     Raises:
-        FileNotFoundError: One has none of the splits.
+        FileNotFoundError: One does not exist, or has none of the splits.
         ValueError: One is named twice, and its frames would count twice.
     """
     for number, folder in enumerate(folders):
+        if not Path(folder).is_dir():
+            raise FileNotFoundError(f"there is no data folder {folder}")
         if not any(has_split(folder, split) for split in SPLITS):
             raise FileNotFoundError(f"{folder} has none of the folders {', '.join(SPLITS)}")
         if any(Path(folder).samefile(other) for other in folders[:number]):

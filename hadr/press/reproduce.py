@@ -190,7 +190,7 @@ def is_table_wish(wish: str) -> bool:
 def open_bench(options: Options) -> Bench:
     """Open the bench that the options describe; for a plan alone, its data may be missing."""
     from hadr.data.folder_checks import check_data
-    from hadr.data.folders import has_split
+    from hadr.data.folders import check_folders, has_split
     from hadr.data.samples import samples_dir
     from hadr.data.transhand import SPLITS
     from hadr.experiments.runner import Bench
@@ -207,9 +207,8 @@ def open_bench(options: Options) -> Bench:
             f"the tables of preset {options.preset} need --data DIR; make one with "
             f"'{_generate(options.preset)} --out DIR'"
         )
+    check_folders(roots)
     for root in roots:
-        if not root.is_dir():
-            raise FileNotFoundError(f"there is no data folder {root}")
         if not has_split(root, "train"):
             raise FileNotFoundError(f"{root} has no split 'train': its layout is not known")
     if roots and not options.dry_run:

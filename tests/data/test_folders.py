@@ -53,8 +53,10 @@ def test_the_bundled_folder_is_opened():
 def test_a_folder_that_is_none_or_is_named_twice_is_refused(tmp_path):
     root = samples_dir() / "frames"
     check_folders([root])
-    with pytest.raises(FileNotFoundError, match="nowhere has none of the folders train, val, test"):
+    with pytest.raises(FileNotFoundError, match=r"there is no data folder .*nowhere"):
         check_folders([root, tmp_path / "nowhere"])
+    with pytest.raises(FileNotFoundError, match=" has none of the folders train, val, test"):
+        check_folders([root, tmp_path])
     with pytest.raises(ValueError, match="frames is named twice"):
         check_folders([root, root.parent / "." / "frames"])
     with pytest.raises(ValueError, match="object '0004' is named twice"):

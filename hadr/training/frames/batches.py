@@ -175,11 +175,15 @@ def _one_frame(
 ) -> FrameTensors:
     """Corrupt and resize one frame; colour as bytes."""
     name = f"{frame.object_id}/{frame.stem}"
-    if CORRUPTIONS[corruption].captured and frame.raw_depth is None:
-        raise ValueError(
-            f"frame {name} has no raw depth, which the corruption {corruption!r} takes; make "
-            "frames with --sensor, or choose 'analytic' or 'oracle'"
-        )
+    for taken, depth, what in (
+        (CORRUPTIONS[corruption].captured, frame.raw_depth, "raw depth"),
+        (CORRUPTIONS[corruption].see_through, frame.background_depth, "depth without the object"),
+    ):
+        if taken and depth is None:
+            raise ValueError(
+                f"frame {name} has no {what}, which the corruption {corruption!r} takes; 'oracle' "
+                "takes nothing but the true depth"
+            )
     corrupted = corrupt(
         frame.depth,
         frame.object_mask,

@@ -51,12 +51,17 @@ def test_the_sensor_is_the_frames_raw_depth_and_erased_is_it_without_the_object(
         np.testing.assert_array_equal(loaded.true_depth[0].numpy(), frame.depth)
 
 
-@pytest.mark.parametrize("corruption", ["sensor", "erased"])
-def test_a_frame_without_raw_depth_is_named(
-    glass_frame: Callable[..., Frame], corruption: Corruption
+@pytest.mark.parametrize(
+    ("corruption", "missing"),
+    [("sensor", "raw"), ("erased", "raw"), ("analytic", "background")],
+)
+def test_a_frame_without_the_depth_that_a_corruption_takes_is_named(
+    glass_frame: Callable[..., Frame], corruption: Corruption, missing: str
 ) -> None:
-    with pytest.raises(ValueError, match=rf"0004/000001 has no raw depth, .* '{corruption}' takes"):
-        load_frames([glass_frame()], (32, 24), corruption)
+    told = {"raw": "raw depth", "background": "depth without the object"}[missing]
+    frame = replace(glass_frame(), **{f"{missing}_depth": None})
+    with pytest.raises(ValueError, match=rf"0004/000001 has no {told}, .* '{corruption}' takes"):
+        load_frames([frame], (32, 24), corruption)
 
 
 def test_frames_without_object_are_skipped_and_none_at_all_is_an_error(
