@@ -72,6 +72,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """What an error of writing says where the disk is full."""
+TOLD = (ValueError, OSError, FloatingPointError, ImportError)
+"""Errors that are told in one sentence: unusable input, or a library that is not installed."""
 DESCRIPTION = """\
 hadr: depth restoration of hand-held transparent objects.
 
@@ -261,37 +263,37 @@ def _run_command(name: str, words: list[str]) -> int:
     program = f"hadr {name}"
     try:
         module = importlib.import_module(COMMANDS[name][0])
-    except ModuleNotFoundError as error:
-        print(
-            f"{program}: error: this installation lacks the module {error.name!r}", file=sys.stderr
-        )
-        return 2
-    options = parse_options(name, words)
-    try:
-        status: int = module.run(options)
+        status: int = module.run(parse_options(name, words))
         return status
     except BrokenPipeError:  # who read what was printed has left; all else was written before
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 0
-    except (ValueError, OSError, FloatingPointError, ImportError) as error:
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted", file=sys.stderr)
+        return 130
+    except Exception as error:
+        if not isinstance(error, TOLD) or _is_own_import(error):
+            traceback.print_exc()
+            print(
+                f"{program}: this is a bug in hadr: please report it with the command and the text "
+                "above",
+                file=sys.stderr,
+            )
+            return 1
         full = isinstance(error, OSError) and error.errno in FULL
         told = re.sub(r"^\[Errno \d+\] ", "", str(error))
         if full:
             told = f"the disk is full ({told}); no file is half-written: make room, run it again"
+        elif isinstance(error, ModuleNotFoundError) and error.name:
+            told = f"this installation lacks the module {error.name!r}"
         sentence = " ".join("; ".join((told, *getattr(error, "__notes__", ()))).split())
         print(f"{program}: error: {sentence}", file=sys.stderr)
         return 1 if full else 2
-    except KeyboardInterrupt:
-        print(f"{program}: interrupted", file=sys.stderr)
-        return 130
-    except Exception:
-        traceback.print_exc()
-        print(
-            f"{program}: this is a bug in hadr: please report it with the command and the text "
-            "above",
-            file=sys.stderr,
-        )
-        return 1
+
+
+def _is_own_import(error: Exception) -> bool:
+    """Whether it is a module of hadr, or a name in one, that could not be imported."""
+    return isinstance(error, ImportError) and f"{error.name}.".startswith("hadr.")
 
 
 def _command_list() -> str:

@@ -344,6 +344,28 @@ def test_what_nobody_expected_is_a_bug_and_says_so(frame, capsys, monkeypatch) -
     assert "please report it with the command and the text above" in told
 
 
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("import pots", "hadr brew: error: this installation lacks the module 'pots'\n"),
+        ("from json import pots", "hadr brew: error: cannot import name 'pots' from 'json'"),
+        ("import hadr.pots", "hadr brew: this is a bug in hadr: "),
+        ("from hadr.camera import pots", "hadr brew: this is a bug in hadr: "),
+    ],
+)
+def test_what_is_not_installed_is_one_sentence_and_what_hadr_lacks_is_a_bug(
+    line, told, tmp_path, capsys, monkeypatch
+) -> None:
+    (tmp_path / "brewing.py").write_text(line)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(COMMANDS, "brew", ("brewing", "make tea"))
+    bug = "bug" in told
+    assert main(["brew"]) == (1 if bug else 2)
+    error = capsys.readouterr().err
+    assert error.startswith("Traceback" if bug else told)
+    assert told in error
+
+
 @pytest.mark.parametrize("line", ["restore --out=", "train --out ", "book --build  "])
 def test_an_empty_name_is_no_place(line, capsys, monkeypatch, tmp_path) -> None:
     monkeypatch.chdir(tmp_path)

@@ -347,11 +347,7 @@ def _hand_finder(options: Options) -> Iterator[MediaPipeHand | str | None]:
         )
     from hadr.models.hand.mediapipe_hand import MediaPipeHand
 
-    try:
-        finder = MediaPipeHand(options.hand_model)
-    except ImportError as error:
-        raise ValueError(str(error)) from error
-    with finder:
+    with MediaPipeHand(options.hand_model) as finder:
         yield finder
 
 
