@@ -24,7 +24,7 @@ from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth, score
 from hadr.models.network_input import enlarge_restored
 from hadr.models.networks import RIVALS
 from hadr.records.caches import file_sha256
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import CLASSICAL
@@ -131,7 +131,7 @@ def measure_condition(bench: Bench, run: Run, name: str, given: Given) -> dict[s
         "evaluation_s": time.perf_counter() - started,
         "config_sha256": digest(configuration(bench, run, name, given)),
         "per_frame": scores.per_frame(),
-        "provenance": {**provenance(), "machine": machine_text()},
+        "provenance": provenance(),
     }
     return seal_row(bench.out / condition_of(run, name), row)
 

@@ -36,7 +36,7 @@ from hadr.experiments.runner import ROW, Bench, Run
 from hadr.experiments.steps import Step, left_text
 from hadr.experiments.tables import ABLATION, LEDGER, TABLES, write_tables
 from hadr.records.processes import end_with_parent
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.training.recipe import Given
 
@@ -304,8 +304,7 @@ def make_handover_table(plan: Attempts, out: Path, jobs: int) -> None:
         f"handover attempts in simulation, {len(trials)} a condition, seed {trials[0].seed}; masks "
         "and keypoints from the simulator with noise; success by HandoverSim's rules"
     )
-    origin = {**provenance(), "machine": machine_text()}
-    write_result_file(out / "tables" / "handover.json", what, rows, origin)
+    write_result_file(out / "tables" / "handover.json", what, rows, provenance())
 
 
 def _say_attempt(trial: Trial, row: Mapping[str, Any]) -> None:

@@ -31,7 +31,7 @@ from hadr.experiments.protocol import Experiment, Part, data_digest, open_part, 
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.models.networks import network_of
 from hadr.records.dependencies import code_digest
-from hadr.records.provenance import machine_text, plain, provenance
+from hadr.records.provenance import plain, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.training.checkpoints import read_record
 from hadr.training.frames.batches import FrameTensors, load_frames
@@ -222,7 +222,7 @@ class Bench:
             "configuration": self.configuration(run),
             "curve": curve,
             "per_frame": scores.per_frame(),
-            "provenance": {**provenance(), "machine": machine_text(), **trained_at},
+            "provenance": {**provenance(), **trained_at},
         }
         return seal_row(self.out / run.name / ROW, row)
 

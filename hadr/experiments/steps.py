@@ -13,7 +13,7 @@ from itertools import groupby
 from pathlib import Path
 
 from hadr.records.checkout import checkout_root
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.reading import structured
 from hadr.records.result_file import read_result_file, write_result_file
 
@@ -111,6 +111,5 @@ def keep_run_times(out: Path, steps: Sequence[Step]) -> None:
         if step.is_done and step.seconds is not None
     }
     if rows:
-        origin = {**provenance(), "machine": machine_text()}
         what = "wall-clock seconds of the last run of each step of `hadr reproduce`"
-        write_result_file(path, what, list(rows.values()), origin)
+        write_result_file(path, what, list(rows.values()), provenance())

@@ -37,7 +37,7 @@ from hadr.experiments.protocol import (
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE
 from hadr.models.networks import RIVALS
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
 
 FILES = ("known", "unknown", "ablation", "ledger", "keypoints", "segmentation")
@@ -89,7 +89,7 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
         },
     }
     written = []
-    origin = {**provenance(), "machine": machine_text(), "data": bench.data}
+    origin = {**provenance(), "data": bench.data}
     for name in FILES:
         path = Path(folder) / f"{name}.json"
         if not tables[name]:

@@ -50,7 +50,7 @@ def usable_cores() -> int:
 
 
 def provenance() -> dict[str, Any]:
-    """Where a number comes from: versions, platform, time, and the library's commit if it is known.
+    """Where a number comes from: versions, machine, time, and the library's commit if it is known.
 
     Without git, or installed apart from its checkout, the library's ``commit`` and
     ``uncommitted_changes`` are None: unknown.
@@ -64,6 +64,7 @@ def provenance() -> dict[str, Any]:
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
         "cpu_cores": usable_cores(),
+        "machine": machine_text(),
         "versions": versions,
         **_commit(),
     }

@@ -15,7 +15,7 @@ import tyro
 
 from hadr.records.option_words import FILE, FOLDER, ID, LARGEST_SEED, MOST_JOBS, check_range
 from hadr.records.output_folder import check_file, check_own, make_output_folder
-from hadr.records.provenance import machine_text, provenance, record_of, usable_cores
+from hadr.records.provenance import provenance, record_of, usable_cores
 from hadr.records.result_file import write_result_file
 from hadr.records.writing import LOCK, sole_owner
 from hadr.simulation.trials import TRIAL_HOLDS, TRIAL_OBJECTS
@@ -191,7 +191,7 @@ def run(options: Options) -> int:
             outcomes = experiment.run_attempts(trials, out, jobs=jobs, report=_say)
             rows.append(condition_row(condition, outcomes))
             print(_sum_up(rows[-1]))
-        write_result_file(path, _what(options), rows, {**provenance(), "machine": machine_text()})
+        write_result_file(path, _what(options), rows, provenance())
         print(f"the rows: {path}")
         if options.film:
             for trial in every:
