@@ -35,7 +35,7 @@ from break_it.fixtures import make_fixtures
 from break_it.processes import Bench, Job, all_jobs
 from break_it.worker import differences, snapshot
 
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
 
 TIMEOUT = 30.0
@@ -247,7 +247,7 @@ def main() -> None:
             ]}
             for command, row in table.items()
         ]  # fmt: skip
-        about = {**provenance(), "machine": machine_text(), "workers": args.workers}
+        about = {**provenance(), "workers": args.workers}
         write_result_file(args.out, what, rows, about | {"seconds": round(seconds)})
     raise SystemExit(1 if failed or lost or new else 0)
 

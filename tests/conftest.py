@@ -48,10 +48,11 @@ def realdata() -> Path:
 
 @pytest.fixture(scope="session")
 def load_benchmark() -> Callable[[str], ModuleType]:
-    """Import a script of the folder `benchmarks`, which is no package, by its name."""
+    """Import a script below the folder `benchmarks`, which is no package, by its path there."""
 
-    def load(name: str) -> ModuleType:
-        sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+    def load(path: str) -> ModuleType:
+        folder, name = path.split("/")
+        sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks" / folder))
         try:
             return importlib.import_module(name)
         finally:

@@ -1,4 +1,4 @@
-"""`benchmarks/frame_errors.py`: the parts of an error, by hand."""
+"""`benchmarks/networks/frame_errors.py`: the parts of an error, by hand."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import torch
 
 @pytest.fixture
 def errors(load_benchmark: Callable[[str], ModuleType]) -> ModuleType:
-    return load_benchmark("frame_errors")
+    return load_benchmark("networks/frame_errors")
 
 
 def test_place_shape_and_tilt_by_hand(errors: ModuleType) -> None:

@@ -13,7 +13,7 @@ from hadr.simulation.trials.rehearsal import Moment
 
 @pytest.fixture
 def judge(load_benchmark):
-    return load_benchmark("random_faults")
+    return load_benchmark("handover/random_faults")
 
 
 def moments(joints: np.ndarray, skin_at: np.ndarray) -> list[Moment]:

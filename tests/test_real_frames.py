@@ -17,7 +17,7 @@ RESULTS = REPOSITORY / "results" / "real" / "cleargrasp_d435.json"
 
 @pytest.fixture(scope="module")
 def script(load_benchmark) -> ModuleType:
-    return load_benchmark("real_frames")
+    return load_benchmark("cameras/real_frames")
 
 
 def test_a_stand_in_hand_keeps_its_form_and_holds_the_glass_at_the_tables_depth(script) -> None:

@@ -2,11 +2,12 @@
 
 `paper` has each system's own size, loss and schedule as published (at the paper's 224x224). `mini`
 is scaled to one processor; that of a rival has the time that HADR's own has, with the schedule and
-the rate that did best in four short trials on validation frames (`benchmarks/tune.py`). `tiny` is
-scaled to a minute, was not tuned, and shows every part at work. `imagenet` is `mini` made to see:
-colour goes through an EfficientNet-Lite0 with ImageNet's weights, which learns at a tenth of the
-rate, and every network looks through a window around hand and glass; for frames of 320x180. What
-finds the glass looks twice; what finds the hand sees no colour, and goes on from `mini`'s weights.
+the rate that did best in four short trials on validation frames
+(`benchmarks/networks/tune.py`). `tiny` is scaled to a minute, was not tuned, and shows every part
+at work. `imagenet` is `mini` made to see: colour goes through an EfficientNet-Lite0 with ImageNet's
+weights, which learns at a tenth of the rate, and every network looks through a window around hand
+and glass; for frames of 320x180. What finds the glass looks twice; what finds the hand sees no
+colour, and goes on from `mini`'s weights.
 """
 
 from __future__ import annotations

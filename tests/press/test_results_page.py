@@ -51,10 +51,11 @@ def test_commands_exist_take_these_options_and_write_the_files(
         if program == "hadr":
             parse_options(words[0], words[1:])
             continue
-        script = (ROOT / words[0]).read_text(encoding="utf-8")
+        path = ROOT / words[0]
+        script = path.read_text(encoding="utf-8")
         for shared in ("finished_runs", "measuring"):
             if f"from {shared} import" in script:
-                script += (ROOT / "benchmarks" / f"{shared}.py").read_text(encoding="utf-8")
+                script += path.with_name(f"{shared}.py").read_text(encoding="utf-8")
         options = [word for word in words[1:] if word.startswith("--")]
         assert [option for option in options if f'"{option}"' not in script] == []
     for file in map(Path, files if commands else ()):

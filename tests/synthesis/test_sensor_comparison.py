@@ -1,4 +1,4 @@
-"""`benchmarks/depth_camera.py`: its table of the simulated depth camera beside a real one."""
+"""`benchmarks/cameras/depth_camera.py`: the simulated depth camera beside a real one."""
 
 import json
 from dataclasses import asdict
@@ -16,7 +16,7 @@ RESULTS = REPOSITORY / "results" / "sensor" / "comparison.json"
 
 @pytest.fixture(scope="module")
 def benchmark_script(load_benchmark) -> ModuleType:
-    return load_benchmark("depth_camera")
+    return load_benchmark("cameras/depth_camera")
 
 
 def test_errors_of_a_picture_made_by_hand(benchmark_script):

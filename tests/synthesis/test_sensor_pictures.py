@@ -1,4 +1,4 @@
-"""`benchmarks/sensor_pictures.py`: the frames kept to compare real, simulated, analytic errors."""
+"""`benchmarks/cameras/sensor_pictures.py`: frames with real, simulated, analytic errors."""
 
 from pathlib import Path
 from types import ModuleType
@@ -15,7 +15,7 @@ KEPT = REPOSITORY / "results" / "sensor" / "pictures.npz"
 
 @pytest.fixture(scope="module")
 def benchmark_script(load_benchmark) -> ModuleType:
-    return load_benchmark("sensor_pictures")
+    return load_benchmark("cameras/sensor_pictures")
 
 
 def test_a_plane_is_found_among_other_points(benchmark_script):

@@ -20,8 +20,8 @@ The limits are from the bundled training and validation frames. Of the 492 true 
 frames they leave 490 in, held against the raw depth, and 482 where they are given, which costs
 their probability alone; of 144 training and validation hands, 128 that the small networks find. Of
 19 computed frames and two photographs without a hand they accept none, nor of the photographs' 80
-crops and mirror images (`benchmarks/hand_checks.py`). To lose a hand that is found costs the
-restoration that needs it, to invent one gives a wrong depth.
+crops and mirror images (`benchmarks/cameras/hand_checks.py`). To lose a hand that is found costs
+the restoration that needs it, to invent one gives a wrong depth.
 
 Source of the lengths: Buryanov and Kotiuk 2010, "Proportions of hand segments", table I.
 """
@@ -70,7 +70,7 @@ that what is seen lies beside them. Of the bundled training hands 1.5 % have les
 limits, of the validation frames' hands none is lost, and 90 to 92 % of those are found that are
 turned by 40 degrees, 91 and 95 % of mirrored ones, 93 % of another frame's at the same place, 90 %
 of those 3 cm aside, 99 % of those 3 cm nearer or farther, and 21 % where one finger is off by 3 cm
-(`benchmarks/hand_checks.py --moved`)."""
+(`benchmarks/cameras/hand_checks.py --moved`)."""
 LEAST_SEEN = 5
 """Of fewer keypoints with measured depth at their pixels nothing is said."""
 WINDOW_M = 0.008

@@ -6,7 +6,7 @@ of (`hadr.synthesis.depth_sensor.stereo_matching`), and the depth is aligned to 
 
 Free parameters (number of dots and their strength, the matcher's window, NCC, texture and
 edge thresholds) were chosen so that glasses on a table, drawn with seed 435, fail about as much as
-those of two real D435 frames; `benchmarks/depth_camera.py` compares both on another seed.
+those of two real D435 frames; `benchmarks/cameras/depth_camera.py` compares both on another seed.
 
 Idealised: the imagers are perfectly rectified, glass is clean (no dust, no fingerprints, nothing
 scatters on it), skin and surroundings are matt, the room's light throws no shadows, and there is

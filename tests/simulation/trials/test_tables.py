@@ -1,4 +1,4 @@
-"""`benchmarks/handover_tables.py`: what it plans, and what it does with some of it."""
+"""`benchmarks/handover/handover_tables.py`: what it plans, and what it does with some of it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +15,7 @@ from hadr.simulation.trials.trial import Trial
 
 @pytest.fixture
 def tables(load_benchmark: Callable[[str], ModuleType]) -> ModuleType:
-    return load_benchmark("handover_tables")
+    return load_benchmark("handover/handover_tables")
 
 
 def test_attempts_that_differ_have_files_of_their_own(tables: ModuleType, tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """What is left for rescoring to choose from, and whether it then chooses otherwise.
 
-    python benchmarks/rescored_grasps.py --json results/mini/handover_grasps.json
+    python benchmarks/handover/rescored_grasps.py --json results/mini/handover_grasps.json
 
 Eight objects, holds 920 to 925, on which the handover's settings were found; the hand at its start,
 the arm at home. Of the candidates of one round (fingers that reach far over the glass): how many
@@ -26,7 +26,7 @@ from hadr.handover.grasping.selection import (
     _alike,
     _Surroundings,
 )
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
 from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.camera.sight import DepthSource, Sight
@@ -105,7 +105,7 @@ def main() -> None:
         "candidates for grasps that each filter leaves in one round, and the grasps that rescoring "
         "and own scores choose from them; eight objects, holds 920 to 925"
     )
-    write_result_file(args.json, what, list(rows()), {**provenance(), "machine": machine_text()})
+    write_result_file(args.json, what, list(rows()), provenance())
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """How far the glass is from where each kind of depth says, in front of the handover's camera.
 
-    python benchmarks/handover_depth.py --json results/mini/handover_depth.json
+    python benchmarks/handover/handover_depth.py --json results/mini/handover_depth.json
 
 Eight objects, holds 920 to 925, on which the handover's settings were found; the arm at home. The
 error of a scene is that of its object points' median depth along the camera's axis.
@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from scipy.stats import spearmanr
 
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
 from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.camera.sight import SOURCES, Sight
@@ -71,7 +71,7 @@ def main() -> None:
         "error of the median depth of the object's points along the camera's axis, eight objects, "
         "holds 920 to 925, masks and keypoints from the simulator with noise"
     )
-    write_result_file(args.json, what, measure(), {**provenance(), "machine": machine_text()})
+    write_result_file(args.json, what, measure(), provenance())
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Does the workflow ever move unsafely while things break? Random faults, and a judge of its own.
 
-    python benchmarks/random_faults.py --runs 1000 --jobs 2 --json results/random_faults.json
+    python benchmarks/handover/random_faults.py --runs 1000 --jobs 2 \\
+        --json results/random_faults.json
 
 Each run is a rehearsal on the arm without physics, of another of 48 holds on which the handover's
 settings were found: a hand that swings, and one to three faults of perception, robot or person that
@@ -33,7 +34,7 @@ from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.observation import Observation
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.workflow import Handover
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.simulation.robot.arm_shape import Part, _links, gripper_surfaces
 from hadr.simulation.trials import TRIAL_OBJECTS
@@ -343,9 +344,7 @@ def main() -> None:
             if row["unsafe"]:
                 print(row, flush=True)
             if len(rows) % 20 == 0 or len(rows) == args.runs:
-                write_result_file(
-                    args.json, what, rows, {**provenance(), "machine": machine_text()}
-                )
+                write_result_file(args.json, what, rows, provenance())
     print(Counter(row["end"] for row in rows))
     print("unsafe:", Counter(name for row in rows for name in row["unsafe"]))
 

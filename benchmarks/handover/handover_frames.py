@@ -1,6 +1,6 @@
 """Draw the frames on which the networks of the handover's camera are trained.
 
-    python benchmarks/handover_frames.py --out DIR --train 2400 --val 240 --jobs 2
+    python benchmarks/handover/handover_frames.py --out DIR --train 2400 --val 240 --jobs 2
 
 Writes TransHand's layout, which `hadr train --data DIR` reads. Frames that are there are kept.
 """

@@ -1,7 +1,7 @@
 """Does a checkpoint know where its ground ends? Frames unlike its training, made and measured.
 
-    python benchmarks/known_ground.py draw DIR [--part dev|report] [--sets far near ...]
-    python benchmarks/known_ground.py measure DIR [--part report] [--out FILE]
+    python benchmarks/cameras/known_ground.py draw DIR [--part dev|report] [--sets far near ...]
+    python benchmarks/cameras/known_ground.py measure DIR [--part report] [--out FILE]
 
 `draw` makes path-traced frames like the samples, of other seeds, and the same with one thing
 changed; frames that are there are kept. `measure` restores them.
@@ -33,7 +33,7 @@ from hadr.data.samples import open_gallery, open_samples, samples_dir
 from hadr.data.transhand import TransHand
 from hadr.frame_checks import told_color
 from hadr.models.hand.plausible import NoHandError, check_hand
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.depth_sensor.infrared import Projector
@@ -414,7 +414,7 @@ def main() -> None:
             "outside), and the share that is right. AUC: of the score that tells a set outside "
             "from all sets inside. The real scenes are two photographs with eight stand-in hands."
         )
-        write_result_file(args.out, what, rows, {**provenance(), "machine": machine_text()})
+        write_result_file(args.out, what, rows, provenance())
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """How long a data set took to make, read off the times at which its frames were finished.
 
-    python benchmarks/mini_run.py DIR --json results/generation/mini_run.json
+    python benchmarks/speed/mini_run.py DIR --json results/generation/mini_run.json
 
 A frame's log is written last, so its time is when the frame was finished. The rate over each
 tenth of the frames shows whether the machine had other work.
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_sealed
 
 
@@ -39,7 +39,6 @@ def main() -> None:
         "minutes_at_the_pace_of_the_quickest_tenth": float(tenths.min()) * len(times) / 60,
         "megabytes": sum(path.stat().st_size for path in files) / 1e6,
         "note": args.note,
-        "machine": machine_text(),
         "provenance": provenance(),
     }
     print(json.dumps({k: v for k, v in found.items() if k != "provenance"}, indent=1))

@@ -5,16 +5,17 @@
     hadr train --network hand-keypoints --preset imagenet --data NEAR \\
         --start-from data_samples/checkpoints/hand-keypoints-handover.safetensors \\
         --out OUT/nets/hand-keypoints
-    python benchmarks/bundle_checkpoints.py --made OUT --data NEAR \\
+    python benchmarks/samples/bundle_checkpoints.py --made OUT --data NEAR \\
         --only hadr-imagenet hadr-plus-imagenet hand-keypoints-imagenet
 
-    python benchmarks/handover_frames.py --out CAMERA
+    python benchmarks/handover/handover_frames.py --out CAMERA
     for network in unet-hand hadr hadr-plus hand-keypoints segmentation; do
         hadr train --network $network --preset imagenet --data CAMERA --corruption erased \\
             --start-from FILE --out OUT/handover/$network
     done  # with all options: data_samples/checkpoints/README.md
-    python benchmarks/bundle_checkpoints.py --made OUT --data CAMERA --only unet-hand-handover \\
-        hadr-handover hadr-plus-handover hand-keypoints-handover segmentation-imagenet
+    python benchmarks/samples/bundle_checkpoints.py --made OUT --data CAMERA \\
+        --only unet-hand-handover hadr-handover hadr-plus-handover \\
+        hand-keypoints-handover segmentation-imagenet
 
 NEAR is what `hadr generate --preset mini --no-sensor --frames 3000` makes. The last epoch's weights
 are taken, which was fixed beforehand, and stored as 8-bit integers. Depth networks are calibrated

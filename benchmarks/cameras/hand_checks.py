@@ -1,8 +1,8 @@
 """Which hands are accepted: true ones, found ones, and those seen where there is none.
 
-    python benchmarks/hand_checks.py [--splits train val] [--every 4] [--mediapipe FILE]
+    python benchmarks/cameras/hand_checks.py [--splits train val] [--every 4] [--mediapipe FILE]
         [--without DIR ...] [--real DIR]
-    python benchmarks/hand_checks.py --moved [--splits val]
+    python benchmarks/cameras/hand_checks.py --moved [--splits val]
 
 True keypoints are given; then the bundled networks find masks and keypoints in the raw depth, once
 with the true mask of the glass and once with the predicted one; MediaPipe finds them where its

@@ -1,6 +1,6 @@
 """Time and memory of ray-voxel pairing against trying every ray with every voxel.
 
-    python benchmarks/pairing.py [--json results/speed/pairing.json]
+    python benchmarks/speed/pairing.py [--json results/speed/pairing.json]
 
 For 1, 8 and 32 frames: the rays and the voxels are those of the committed sample frames at
 224x224, repeated.
@@ -25,7 +25,7 @@ from hadr.ray_voxels import (
     ray_voxel_pairs,
     select_points,
 )
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_sealed
 
 
@@ -103,7 +103,6 @@ def main() -> None:
     content = {
         "what": "Pairing rays with the voxels they cross: the walk through the grid, and every ray "
         "tried with every voxel of the batch; memory: most bytes that torch's tensors held at once",
-        "machine": machine_text(),
         "threads": args.threads,
         "by_batch": by_batch,
         "provenance": provenance(),

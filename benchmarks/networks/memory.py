@@ -1,6 +1,6 @@
 """What is a memory of the training frames worth, when holds are dealt out whole, and when not?
 
-    python benchmarks/memory.py --runs OUT/runs --data DIR data_samples/frames \\
+    python benchmarks/networks/memory.py --runs OUT/runs --data DIR data_samples/frames \\
         --json results/mini/memory.json
 
 OUT and DIR are what `hadr reproduce --preset mini` and `hadr generate --preset mini` have made. The

@@ -1,6 +1,6 @@
 """Measure the sample frames, draw the data card's plots, and write its numbers.
 
-    python benchmarks/data_card.py
+    python benchmarks/samples/data_card.py
 
 Reads data_samples/, writes data_samples/card/*.png, and what stands between the markers
 ``<!-- NAME -->`` and ``<!-- end NAME -->`` of data_samples/README.md.

@@ -1,6 +1,6 @@
 """Time, memory and weights of all methods that restore depth, one frame at a time, side by side.
 
-    python benchmarks/side_by_side.py [--json results/speed/side_by_side.json] [--threads 2]
+    python benchmarks/speed/side_by_side.py [--json results/speed/side_by_side.json] [--threads 2]
 
 Each network with its recipes `paper`, `mini` and `imagenet`, at the recipe's own input size, random
 weights (the time does not depend on them), on validation samples in turns; the methods that learn
@@ -30,7 +30,7 @@ from torch import nn
 
 from hadr.experiments.protocol import CHEAP
 from hadr.models.networks import DEPTH_NETWORKS
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
 from hadr.training.evaluation import CLASSICAL
 from hadr.training.presets import preset
@@ -125,7 +125,7 @@ def main() -> None:
             "Restoring one frame at batch 1, networks alone, all in turns in one run: the median "
             "over the turns; memory of the network and one frame in a process of its own",
             rows,
-            {**provenance(), "machine": machine_text(), "threads": args.threads},
+            {**provenance(), "threads": args.threads},
         )
 
 

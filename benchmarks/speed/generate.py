@@ -1,6 +1,6 @@
 """Measure the generator: seconds a frame by engine, size and part, two workers, the cost.
 
-    OMP_NUM_THREADS=1 python benchmarks/generate.py --json results/generation/benchmark.json
+    OMP_NUM_THREADS=1 python benchmarks/speed/generate.py --json results/generation/benchmark.json
 
 Takes about seven minutes on two quiet cores. Frames carry everything: hold, scene, labels,
 colour, raw depth, files; what each part takes is measured in the same run, as seconds of one core.

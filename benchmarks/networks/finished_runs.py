@@ -10,7 +10,7 @@ import torch
 from hadr.experiments.protocol import Experiment, recipe_of
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.tables import runs_in
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.loop import LAST
@@ -48,5 +48,5 @@ def trained(
 
 def write_rows(path: Path, what: str, rows: Sequence[Mapping[str, Any]], bench: Bench) -> None:
     """Write a result file with where its numbers come from."""
-    origin = {**provenance(), "machine": machine_text(), "data": bench.data}
+    origin = {**provenance(), "data": bench.data}
     write_result_file(path, what, rows, origin)

@@ -1,6 +1,6 @@
 """Where the trained networks of the tables fail: place or shape, which objects, how new a pose.
 
-    python benchmarks/where_it_fails.py --runs out/runs --data DIR data_samples/frames \\
+    python benchmarks/networks/where_it_fails.py --runs out/runs --data DIR data_samples/frames \\
         --json results/mini/errors.json
 
 `hadr reproduce` has made the runs from the same data folders. Test frames are only looked at here,

@@ -1,6 +1,6 @@
 """Time of restoring one 224x224 frame at batch 1, in full and by part.
 
-    python benchmarks/restoration.py [--json results/speed/restoration.json] [--threads 2]
+    python benchmarks/speed/restoration.py [--json results/speed/restoration.json] [--threads 2]
 
 Presets `mini` and `paper` with random weights (the time does not depend on them) on sample frames,
 against a plain Swin-T in the same run.
@@ -21,7 +21,7 @@ from measuring import arguments, in_turns, interleaved, sample_frames
 import hadr.models.hadr as steps
 from hadr.models.backbone import BackboneConfig, build_swin
 from hadr.models.hadr import HADR
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_sealed
 from hadr.training.presets import preset
 
@@ -143,7 +143,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {
         "what": "Restoring one 224x224 frame at batch 1: sample frames in turns, random weights; "
         "ratios against a plain Swin-T forward in the same run",
-        "machine": machine_text(),
         "threads": args.threads,
         "rays_mean": float(sample_frames().inputs.mask.flatten(1).sum(dim=1).float().mean()),
         "times": times,

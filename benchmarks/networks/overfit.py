@@ -1,6 +1,6 @@
 """Each network of preset `mini` learns four frames by heart.
 
-    python benchmarks/overfit.py --json results/training/overfit.json
+    python benchmarks/networks/overfit.py --json results/training/overfit.json
 
 A network that cannot has a fault that no amount of data heals. Chance is off (augmentation,
 stochastic depth), each step sees all four frames, and the learned network is scored in evaluation
@@ -23,7 +23,7 @@ from hadr.models.hadr import HADR
 from hadr.models.network_input import ray_points
 from hadr.models.networks import NETWORKS, RIVALS
 from hadr.ray_voxels import pair_of_true_point
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.rivals.lidf import LIDF
 from hadr.rivals.swindrnet import SwinDRNet
@@ -184,7 +184,7 @@ def main() -> None:
             args.json,
             "four frames of data_samples learned by heart, preset mini, scored in evaluation mode",
             rows,
-            {**provenance(), "machine": machine_text(), "threads": args.threads},
+            {**provenance(), "threads": args.threads},
         )
 
 

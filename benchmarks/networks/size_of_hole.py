@@ -1,6 +1,6 @@
 """Do the networks measure distance by the size of the hole? The hole grows and shrinks.
 
-    python benchmarks/size_of_hole.py --runs OUT/runs --data DIR data_samples/frames \\
+    python benchmarks/networks/size_of_hole.py --runs OUT/runs --data DIR data_samples/frames \\
         --json results/mini/size_of_hole.json
 
 OUT and DIR are what `hadr reproduce --preset mini` and `hadr generate --preset mini` have made. The

@@ -1,8 +1,8 @@
 """What becomes of a network if one thing in its recipe is changed: a short training for each.
 
-    python benchmarks/switches.py ledger --json results/training/switches.json
-    python benchmarks/switches.py collapse --json results/training/collapse.json
-    python benchmarks/switches.py plus --data DIR data_samples/frames \\
+    python benchmarks/networks/switches.py ledger --json results/training/switches.json
+    python benchmarks/networks/switches.py collapse --json results/training/collapse.json
+    python benchmarks/networks/switches.py plus --data DIR data_samples/frames \\
         --json results/mini/hadr-plus-ablation.json
 
 `ledger`: HADR with the ledger's switches, one at a time, on the 336 bundled training frames, scored
@@ -44,7 +44,7 @@ from hadr.experiments.scoring import (
 from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.window import WindowConfig
 from hadr.ray_voxels import VoxelGrid
-from hadr.records.provenance import machine_text, plain, provenance
+from hadr.records.provenance import plain, provenance
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.frames.predicted import with_predicted
@@ -333,7 +333,7 @@ def main() -> None:
     epochs = args.epochs or bench.epochs
     kept = read_result_file(args.json).rows if args.json.exists() else ()
     known = [row for row in kept if "turned" in row]  # not those of an earlier form
-    about = {**provenance(), "machine": machine_text(), "threads": 1, **frames.origin()}
+    about = {**provenance(), "threads": 1, **frames.origin()}
     for rows in rows_of(bench, epochs, known, frames):
         write_result_file(args.json, bench.what.format(epochs), rows, about)
 

@@ -1,8 +1,8 @@
 """Make all attempts of the handover's tables, and the three result files that sum them up.
 
-    python benchmarks/handover_tables.py --out RUNS --jobs 2
-    python benchmarks/handover_tables.py --out RUNS --jobs 2 --only seeds --seeds 5
-    python benchmarks/handover_tables.py --out RUNS --write --results FOLDER
+    python benchmarks/handover/handover_tables.py --out RUNS --jobs 2
+    python benchmarks/handover/handover_tables.py --out RUNS --jobs 2 --only seeds --seeds 5
+    python benchmarks/handover/handover_tables.py --out RUNS --write --results FOLDER
 
 What is finished in RUNS is not made again, so it can be stopped at any time. A file is written when
 all of its attempts are there; `--write` makes none, and sums up what is there of this code.
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from hadr.experiments.plan import REPRODUCED
 from hadr.figures.tables.handover import WORSE
 from hadr.records.output_folder import make_output_folder
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
 from hadr.records.writing import sole_owner
 from hadr.simulation.trials import TRIAL_HOLDS
@@ -130,8 +130,7 @@ def main() -> None:
             if missing:
                 what += f"; {missing} attempts are still to be made"
             name = "handover.json" if file == "handover" else f"handover_{file}.json"
-            origin = {**provenance(), "machine": machine_text()}
-            write_result_file(args.results / name, what, rows, origin)
+            write_result_file(args.results / name, what, rows, provenance())
             print(args.results / name, f"{missing} missing" if missing else "")
 
 

@@ -1,6 +1,6 @@
 """The same four trials for each network: its published schedule, and a cosine at three rates.
 
-    python benchmarks/tune.py --data DIR data_samples/frames --out ROWS \\
+    python benchmarks/networks/tune.py --data DIR data_samples/frames --out ROWS \\
         --json results/mini/tuning.json
 
 DIR is what `hadr generate --preset mini` has made. A trial trains the network of preset `mini` on
@@ -23,7 +23,7 @@ from hadr.experiments.protocol import Part, data_digest, open_part
 from hadr.experiments.runner import code_of
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.models.hadr import HADRConfig
-from hadr.records.provenance import machine_text, plain, provenance, write_json
+from hadr.records.provenance import plain, provenance, write_json
 from hadr.records.result_file import digest, write_result_file
 from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.loop import evenly, train
@@ -134,7 +134,7 @@ def main() -> None:
         "training frames of six objects and scored on their validation frames: means over frames, "
         "metres; one seed; the published schedule is squeezed into the trial",
         rows,
-        {**provenance(), "machine": machine_text(), "data": {"sha256": data}, "seed": 0},
+        {**provenance(), "data": {"sha256": data}, "seed": 0},
     )
 
 

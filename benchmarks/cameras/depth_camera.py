@@ -3,7 +3,7 @@
 Real: the D435 frames of ClearGrasp in ``../shared/realdata/cleargrasp_d435``, where they are found.
 Simulated: glasses on a table, seen as the real ones are, and hand-held glasses of the generator.
 
-    python benchmarks/depth_camera.py [--frames 24] [--seed 1435] [--out results/sensor]
+    python benchmarks/cameras/depth_camera.py [--frames 24] [--seed 1435] [--out results/sensor]
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from hadr.camera_file import load_intrinsics
 from hadr.corruption import ANALYTIC, corrupt
 from hadr.frame_io import read_depth, read_mask
 from hadr.handover.poses import camera_at
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_sealed
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.generation.frames import build_scene
@@ -40,7 +40,7 @@ Array = npt.NDArray[np.float64]
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
-REAL = Path(__file__).resolve().parents[2] / "shared" / "realdata" / "cleargrasp_d435"
+REAL = Path(__file__).resolve().parents[3] / "shared" / "realdata" / "cleargrasp_d435"
 REAL_SCENES = ("000000080", "000000130")
 #: Seed whose frames the free parameters were chosen on; the table is made with another one.
 TUNING_SEED = 435
@@ -302,7 +302,6 @@ def main() -> None:
             "seed": args.seed,
             "tuned_on_seed": TUNING_SEED,
             "camera": asdict(camera),
-            "machine": machine_text(),
             "provenance": provenance(),
         }
         write_sealed(args.out / "comparison.json", content)

@@ -1,6 +1,6 @@
 """Do the networks look at the picture? Each restores test frames with another frame's colours.
 
-    python benchmarks/colors_of_others.py --runs OUT/runs --data DIR data_samples/frames \\
+    python benchmarks/networks/colors_of_others.py --runs OUT/runs --data DIR data_samples/frames \\
         --json results/mini/colors.json
 
 OUT and DIR are what `hadr reproduce --preset mini` and `hadr generate --preset mini` have made. A

@@ -4,7 +4,7 @@ The frames are ClearGrasp's (RealSense D435, 1280x720), which are not part of th
 that data set's real D435 test frames and name the folder. The truth is the same camera's depth of
 the same scene with the glass replaced by sprayed twins.
 
-    python benchmarks/real_frames.py [--real DIR] [--checkpoints FILE ...] [--out FILE]
+    python benchmarks/cameras/real_frames.py [--real DIR] [--checkpoints FILE ...] [--out FILE]
 
 DIR is by default $HADR_CLEARGRASP, else ../shared/realdata/cleargrasp_d435.
 
@@ -33,7 +33,7 @@ from hadr.camera_file import load_intrinsics
 from hadr.data.samples import open_samples, samples_dir
 from hadr.frame_io import read_color
 from hadr.metrics import frame_metrics
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
 from hadr.restoration import restore
 from hadr.trained_networks import DepthNetwork
@@ -41,7 +41,7 @@ from hadr.trained_networks import DepthNetwork
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = ROOT.parent / "shared" / "realdata" / "cleargrasp_d435"
 SCENES = ("000000080", "000000130")
 HANDS = 8
@@ -233,7 +233,6 @@ def main() -> None:
         rows,
         {
             **provenance(),
-            "machine": machine_text(),
             "checkpoints": [path.name for path in args.checkpoints],
             "scenes": lessons,
         },

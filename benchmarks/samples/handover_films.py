@@ -1,7 +1,7 @@
 """Draw the films of chapter 13 and keep the recordings that it reads, in data_samples.
 
-    python benchmarks/handover_tables.py --out RUNS --only handover
-    python benchmarks/handover_films.py RUNS/seed-0 \\
+    python benchmarks/handover/handover_tables.py --out RUNS --only handover
+    python benchmarks/samples/handover_films.py RUNS/seed-0 \\
         success=hadr-plus/0004-904 failure-depth=hadr-plus/0001-901
 
 Films, each with the picture of the moment that decided it, are drawn from the states of finished

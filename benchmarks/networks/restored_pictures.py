@@ -1,6 +1,6 @@
 """Keep what the networks of finished runs restore of five test frames, for a picture of them all.
 
-    python benchmarks/restored_pictures.py --preset imagenet --runs OUT/runs --data DIR \\
+    python benchmarks/networks/restored_pictures.py --preset imagenet --runs OUT/runs --data DIR \\
         --near data_samples/near --json results/imagenet/restored.json
 
 Which frames: in the order of HADR's RMSE those below which 5, 25, 50, 75 and 95 % of the others

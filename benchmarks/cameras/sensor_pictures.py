@@ -5,7 +5,7 @@ Every pixel that is kept is one of the original's; the depth is rounded to 0.5 m
 the glass, which the analytic model needs, is a plane that is fitted to what stands around.
 Simulated: two of the tables of `depth_camera.py`.
 
-    python benchmarks/sensor_pictures.py [--real DIR] [--seed 1435] [--out results/sensor]
+    python benchmarks/cameras/sensor_pictures.py [--real DIR] [--seed 1435] [--out results/sensor]
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from depth_camera import REAL, read_real, table_scene
 from hadr.camera import Intrinsics, back_project, ray_directions
 from hadr.camera_file import load_intrinsics
 from hadr.figures.depth.corruption_examples import CorruptionExample, write_examples
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.rendering.shading import RayTracer
 
@@ -110,7 +110,6 @@ def main() -> None:
         "fitted to the table",
         "tables": {scene[-3:]: known for scene, (_, known) in real.items()},
         "seed": args.seed,
-        "machine": machine_text(),
         "provenance": provenance(),
     }
     write_examples(args.out / "pictures.npz", examples, content)

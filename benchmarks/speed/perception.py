@@ -1,6 +1,6 @@
 """Frames a second of the whole perception: mask, hand keypoints, restored depth.
 
-    python benchmarks/perception.py [--json results/speed/perception.json] [--threads 2]
+    python benchmarks/speed/perception.py [--json results/speed/perception.json] [--threads 2]
 
 Sample frames at batch 1. Each network does its work on the true masks: segmentation runs, and the
 true masks go on to the other two. First the three networks of preset `mini` with random weights
@@ -19,7 +19,7 @@ from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADR
 from hadr.models.hand.keypoints import HandKeypointNet, predict_keypoints
 from hadr.models.segmentation import SegmentationNet, predict_logits
-from hadr.records.provenance import machine_text, provenance
+from hadr.records.provenance import provenance
 from hadr.records.result_file import write_sealed
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.presets import preset
@@ -82,7 +82,6 @@ def main() -> None:
                 "masks handed on. 'as it is': networks of preset mini with random weights, mask "
                 f"and keypoints at {seen_size[0]}x{seen_size[1]}, restoration at 224x224. "
                 f"'bundled': the bundled networks at {size[0]}x{size[1]}",
-                "machine": machine_text(),
                 "threads": args.threads,
                 "times": times,
                 "frames_per_second": rates,
