@@ -11,6 +11,9 @@ import numpy.typing as npt
 SHOWN = 4
 """So many numbers of a right answer are shown, where it has no more."""
 
+NEARLY = 0.02
+"""Within this share of the answer a wrong one is told that little is missing."""
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -101,23 +104,39 @@ def check(
         return Verdict("wrong", next(hints, f"Not {answer!r}."))
     array = _as_array(answer)
     if array is None:
+        if isinstance(answer, (list, tuple)) and any(part is ... for part in answer):
+            return Verdict("open", "Not finished yet: three dots are left in the answer.")
         return Verdict("wrong", f"A number or an array is expected, not {type(answer).__name__}.")
     if array.shape != target.shape:
-        return Verdict(
-            "wrong", f"The shape is {array.shape}; {target.shape or 'one number'} is expected."
-        )
+        given, wanted = map(_in_words, (array.shape, target.shape))
+        return Verdict("wrong", f"This is {given}; the answer is {wanted}.")
     if _close(array, target, rtol, atol):
-        few = array.size <= SHOWN and array.dtype.kind in "iuf"
-        numbers = ", ".join(
-            f"{v:.4g}" if abs(v) < 1e4 else f"{v:,.0f}" for v in array.ravel() if few
-        )
+        few = target.size <= SHOWN and target.dtype.kind in "iuf"
+        shown = (0.0 if abs(v) <= atol else float(v) for v in target.ravel() if few)
+        numbers = ", ".join(f"{v:.4g}" if abs(v) < 1e4 else f"{v:,.0f}" for v in shown)
         return Verdict("right", f"Right: {numbers}." if numbers else "Right.")
-    for value, hint in wrong:
-        if _close(array, value, rtol, atol):
-            return Verdict("wrong", hint)
+    near = max(rtol, NEARLY)
+    for tolerance in (rtol, near):
+        for value, hint in wrong:
+            if _close(array, value, tolerance, atol):
+                return Verdict("wrong", hint)
+        if _close(array, target, near, atol):
+            return Verdict("wrong", "Nearly: a digit more, or a small error is left.")
     if not np.isfinite(array.astype(complex)).all() and np.isfinite(target.astype(complex)).all():
         return Verdict("wrong", "The answer holds NaN or infinite values; it should not.")
+    if target.any() and target.dtype.kind != "b":
+        for factor in (-1.0, *(10.0**power for power in (1, 2, 3, 6, -1, -2, -3, -6))):
+            if _close(array, factor * target, near, 0):
+                slip = "check the sign" if factor < 0 else "check the unit"
+                return Verdict("wrong", f"This is {factor:g} times the answer: {slip}.")
     if array.size == 1:
-        return Verdict("wrong", f"Not {array.item():.6g}. Check the units and the formula.")
+        advice = "Count again" if target.dtype.kind in "iu" else "Check the units and the formula"
+        return Verdict("wrong", f"Not {array.item():.6g}. {advice}.")
     worst = float(np.nanmax(np.abs(array.astype(complex) - target.astype(complex))))
     return Verdict("wrong", f"Not yet: the largest difference from the answer is {worst:.3g}.")
+
+
+def _in_words(shape: tuple[int, ...]) -> str:
+    if len(shape) < 2:
+        return f"{shape[0]} numbers" if shape else "one number"
+    return f"an array of shape {shape}"

@@ -55,9 +55,40 @@ def test_wrong_array_tells_the_largest_difference():
 
 
 def test_shape_mismatch_names_both_shapes():
-    assert check(np.zeros(3), np.zeros((3, 1))).message == "The shape is (3,); (3, 1) is expected."
-    assert check(np.zeros(3), 0.0).message == "The shape is (3,); one number is expected."
-    assert check(0.0, np.zeros(2)).message == "The shape is (); (2,) is expected."
+    column = np.zeros((3, 1))
+    assert check(np.zeros(3), column).message == (
+        "This is 3 numbers; the answer is an array of shape (3, 1)."
+    )
+    assert check(np.zeros(3), 0.0).message == "This is 3 numbers; the answer is one number."
+    assert check(0.0, np.zeros(2)).message == "This is one number; the answer is 2 numbers."
+
+
+def test_an_answer_that_is_half_done_is_open():
+    assert check([0.1, ..., 0.5], [0.1, 0.2, 0.5]).status == "open"
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (0.6501, "Nearly"),  # 0.65079 to three digits
+        (65.079, "100 times"),
+        (0.00065079, "0.001 times"),
+        (-0.65079, "sign"),
+        (0.8, "Not 0.8. Check the units"),
+        (0.498, "A hint"),  # of 0.5, to two digits
+    ],
+)
+def test_a_slip_is_told_from_an_error(answer, message):
+    verdict = check(answer, 0.65079, wrong=[(0.5, "A hint.")])
+    assert verdict.status == "wrong"
+    assert message in verdict.message
+
+
+def test_slips_of_arrays_and_counts():
+    assert "1000 times" in check([100.0, 0.0, -500.0], [0.1, 0.0, -0.5]).message
+    assert "sign" in check([1.0, -2.0], [-1.0, 2.0]).message
+    assert check(487, 500).message == "Not 487. Count again."
+    assert check(2.5e-13, 0.0).message == "Right: 0."
 
 
 def test_nan_in_the_answer():
