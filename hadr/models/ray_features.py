@@ -80,54 +80,44 @@ class RayFeatures(nn.Module):
 
 
 def _bin_weights(
-    start: float, end: float, bins: int, sampling: int, size: int, aligned: bool, dtype: torch.dtype
+    start: float, end: float, sampling: int, size: int, aligned: bool, dtype: torch.dtype
 ) -> Tensor:
-    """Give, for one axis of one box, the weight of each pixel in each bin: (bins, size)."""
-    offset = 0.5 if aligned else 0.0
-    length = end - start if aligned else max(end - start, 1.0)
-    per_bin = sampling if sampling > 0 else max(1, math.ceil(length / bins))
-    step = length / (bins * per_bin)
-    sample = start - offset + (torch.arange(bins * per_bin, dtype=dtype) + 0.5) * step
-    counted = (sample >= -1) & (sample <= size)  # further out a sample counts as zero
+    """Give, for one axis of one box, the weight of each pixel in both bins: (2, size)."""
+    per_bin = sampling if sampling > 0 else max(1, math.ceil((end - start) / 2))
+    step = (end - start) / (2 * per_bin)
+    sample = start - 0.5 * aligned + (torch.arange(2 * per_bin, dtype=dtype) + 0.5) * step
     sample = sample.clamp(0, size - 1)
     pixel = torch.arange(size, dtype=dtype)
-    weight = (1 - (sample[:, None] - pixel).abs()).clamp(min=0) * counted[:, None]  # bilinear
-    return weight.reshape(bins, per_bin, size).mean(dim=1)
+    weight = (1 - (sample[:, None] - pixel).abs()).clamp(min=0)  # bilinear
+    return weight.reshape(2, per_bin, size).mean(dim=1)
 
 
 def roi_align(
-    feature_map: Tensor,
-    boxes: Tensor,
-    frame: Tensor,
-    *,
-    bins: int = 2,
-    sampling: int = 0,
-    aligned: bool = True,
+    feature_map: Tensor, boxes: Tensor, frame: Tensor, *, sampling: int = 0, aligned: bool = True
 ) -> Tensor:
-    """ROI align, as defined: the mean of bilinear samples in each bin. One box at a time: slow.
+    """ROI align to 2x2, as defined: the mean of bilinear samples in each bin. One box a time: slow.
 
     Bilinear sampling is separable, so each bin is a weighted sum of pixels with one weight per row
-    times one weight per column. A sample up to one pixel outside of the image takes the border's
-    value; one further out counts as zero (as in the authors' and the common implementations).
+    times one weight per column.
 
     Args:
         feature_map: Features, shape (B, C, H, W).
-        boxes: Boxes (left, top, right, bottom) in continuous pixel coordinates, shape (R, 4).
+        boxes: Boxes (left, top, right, bottom) in the image, in continuous pixel coordinates,
+            shape (R, 4).
         frame: Frame of each box, shape (R,), long.
-        bins: Bins along each axis.
         sampling: Samples in a bin along each axis; 0 = one per pixel, ceil(bin size).
         aligned: Whether the centre of pixel k lies at k + 0.5 of the box's coordinates (True) or,
-            as in the first implementations, at k, where a box is also at least one pixel wide.
+            as in the first implementations, at k.
 
     Returns:
-        Bin means, shape (R, C, bins, bins).
+        Bin means, shape (R, C, 2, 2).
     """
     _, channels, height, width = feature_map.shape
     feature_map = feature_map.contiguous()  # products of strided maps are a hundred times slower
-    result = feature_map.new_zeros(len(boxes), channels, bins, bins)
+    result = feature_map.new_zeros(len(boxes), channels, 2, 2)
     for i, (left, top, right, bottom) in enumerate(boxes.tolist()):
         dtype = feature_map.dtype
-        rows = _bin_weights(top, bottom, bins, sampling, height, aligned, dtype)
-        columns = _bin_weights(left, right, bins, sampling, width, aligned, dtype)
+        rows = _bin_weights(top, bottom, sampling, height, aligned, dtype)
+        columns = _bin_weights(left, right, sampling, width, aligned, dtype)
         result[i] = rows @ feature_map[frame[i]] @ columns.T
     return result

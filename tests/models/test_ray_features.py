@@ -34,24 +34,6 @@ def test_roi_align_of_a_ramp_is_the_value_at_the_bin_centers() -> None:
         assert (shifted - aligned).flatten().tolist() == pytest.approx([5.5] * 4)
 
 
-def test_samples_beyond_the_border_take_its_value_and_further_out_none() -> None:
-    ramp = torch.arange(1.0, 5.0, dtype=torch.float64).expand(1, 1, 4, 4)
-    box, frame = torch.tensor([[-2.0, 0.0, 6.0, 4.0]]), torch.zeros(1, dtype=torch.long)
-    # eight bins of one column and half a row; pixel k has its centre at k: columns -1.5, -0.5, ...
-    got = roi_align(ramp, box, frame, bins=8, sampling=1, aligned=False)[0, 0]
-    assert got.tolist() == [pytest.approx([0, 1, 1.5, 2.5, 3.5, 4, 0, 0])] * 8
-
-
-def test_a_thin_box_is_widened_to_one_pixel_only_in_the_old_form() -> None:
-    ramp = torch.arange(12.0, dtype=torch.float64).expand(1, 1, 6, 12)
-    thin, frame = torch.tensor([[3.0, 1.0, 3.5, 4.0]]), torch.zeros(1, dtype=torch.long)
-    # aligned: bins of 0.25 px, centres 3.125 and 3.375 of the box's coordinates
-    assert roi_align(ramp, thin, frame)[0, 0, 0].tolist() == pytest.approx([2.625, 2.875])
-    # old: the box is [3, 4], bins of 0.5 px, centres 3.25 and 3.75
-    old = roi_align(ramp, thin, frame, aligned=False)[0, 0, 0]
-    assert old.tolist() == pytest.approx([3.25, 3.75])
-
-
 def test_four_average_pools_equal_roi_align_at_every_pixel() -> None:
     feature_map = noise(2, 5, 13, 17)
     pixels = every_pixel(2, 13, 17)
@@ -69,17 +51,6 @@ def test_which_sampling_is_equal_to_the_pools(sampling: int, equal: bool) -> Non
     direct = roi_align(feature_map, boxes, pixels[:, 0], sampling=sampling).flatten(1)
     got = RayFeatures()(feature_map, pixels)
     assert torch.allclose(got, direct, rtol=0, atol=1e-12) == equal
-
-
-def test_bins_by_hand() -> None:
-    # Pixel value = 100 row + column; means of the 4x4 pixels around (row 6, column 5).
-    row, column = torch.arange(12.0), torch.arange(12.0)
-    feature_map = (100 * row[:, None] + column[None, :])[None, None]
-    feature_map = torch.cat((feature_map, -feature_map), dim=1)
-    got = RayFeatures()(feature_map, torch.tensor([[0, 6, 5]]))
-    # rows 2..5 and 6..9: means 3.5, 7.5; columns 1..4 and 5..8: means 2.5, 6.5
-    expected = [352.5, 356.5, 752.5, 756.5]
-    assert got.tolist() == [expected + [-x for x in expected]]
 
 
 def test_at_the_border_the_box_is_pushed_back_into_the_image() -> None:
