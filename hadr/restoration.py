@@ -36,6 +36,7 @@ from hadr.trained_finders import (
     Hand,
     HandFinder,
     HandKeypoints,
+    Points,
     Segmentation,
     find_hand,
     find_masks,
@@ -47,7 +48,6 @@ METHODS = ("auto", *DEPTH_NETWORKS, "nearest", "inpaint", "hand-median")
 CHECKPOINT_NAME = "hadr-imagenet.safetensors"
 """The sample checkpoint that is taken where none is named."""
 Depth = NDArray[np.float32]
-Points = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
