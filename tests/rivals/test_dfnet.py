@@ -6,13 +6,7 @@ import pytest
 import torch
 
 from hadr.models.network_input import HADRInput
-from hadr.rivals.dfnet import (
-    DenseBlock,
-    DFNet,
-    DFNetConfig,
-    fill_nearest,
-    frame_range,
-)
+from hadr.rivals.dfnet import DenseBlock, DFNet, DFNetConfig, fill_nearest, frame_range
 
 SMALL = DFNetConfig(width=8, layers=2, growth=4)
 
@@ -59,9 +53,7 @@ def test_an_odd_size_is_cut_and_not_stretched(noise_frames) -> None:
     torch.testing.assert_close(cut[:, :64, :64], whole[:, :64, :64], atol=1e-12, rtol=0)
 
 
-def test_colour_and_measured_depth_matter_in_and_out_of_the_mask(
-    network: DFNet, noise_frames
-) -> None:
+def test_colour_and_measured_depth_matter_in_and_out_of_the_mask(network, noise_frames):
     inputs = noise_frames()
     before = network(inputs).image
     inside, outside = inputs.depth.clone(), inputs.depth.clone()
@@ -73,9 +65,7 @@ def test_colour_and_measured_depth_matter_in_and_out_of_the_mask(
     assert torch.equal(network(elsewhere).image, before)  # it does not see the mask
 
 
-def test_a_scene_in_other_units_is_restored_in_those(
-    network: DFNet, in_double, noise_frames
-) -> None:
+def test_a_scene_in_other_units_is_restored_in_those(network, in_double, noise_frames):
     network, inputs = in_double(network, noise_frames())
     moved = replace(inputs, depth=torch.where(inputs.depth > 0, 0.5 * inputs.depth + 0.4, 0))
     # apart from the micrometre that the range is wider than the frame's own
@@ -108,9 +98,7 @@ def test_depth_not_before_the_camera_is_not_restored(noise_frames) -> None:
     assert output.depth.abs().max() == 0
 
 
-def test_a_frame_without_depth_in_range_gives_nothing_and_no_nan(
-    network: DFNet, in_double, noise_frames
-) -> None:
+def test_a_frame_without_depth_in_range_gives_nothing_and_no_nan(network, in_double, noise_frames):
     network, inputs = in_double(network, noise_frames())
     for missing in (0.0, 0.25, 1.6):
         depth = inputs.depth.clone()

@@ -10,7 +10,7 @@ from hadr.confidence.calibration import within_learned
 from hadr.models.backbone import imagenet_normal
 from hadr.models.network_input import HADRInput
 from hadr.models.ray_features import features_at
-from hadr.rivals.lidf import LIDF, DilatedResNet, DilatedResNetConfig, LIDFConfig, LIDFOutput
+from hadr.rivals.lidf import LIDF, DilatedResNet, DilatedResNetConfig, LIDFConfig
 
 MICRO = LIDFConfig(
     backbone=DilatedResNetConfig(depths=(1, 1, 1, 1), widths=(8, 8, 8, 8)),
@@ -107,9 +107,7 @@ def test_each_point_moves_along_its_ray_by_at_most_the_range() -> None:
 
 
 @pytest.mark.parametrize(("offset", "move"), [(0.75, 0.1), (40.0, 0.2), (-40.0, -0.2)])
-def test_the_offset_spans_the_range_and_is_cut_off_at_its_ends(
-    offset: float, move: float, in_double
-) -> None:
+def test_the_offset_spans_the_range_and_is_cut_off_at_its_ends(offset, move, in_double):
     # By 0.4 m to the camera, too: the answers lie farther off than that.
     model, inputs = in_double(moving(offset), scene(wall=1.4, glass=1.1))
     output = model(inputs)
@@ -222,37 +220,6 @@ def test_rays_without_candidate_are_not_restored() -> None:
     assert torch.all(output.moves[lost] == 0)
     empty = refining()(replace(inputs, mask=torch.zeros_like(mask)))
     assert not empty.restored.any()
-
-
-def losses(output: LIDFOutput) -> Tensor:
-    return output.points.square().sum() + output.logits.square().sum()
-
-
-def test_in_stage_1_only_the_first_stage_learns_and_in_stage_2_only_the_refinement() -> None:
-    inputs = scene(2)
-    model = LIDF(MICRO).train()
-    losses(model(inputs)).backward()
-    assert all(p.grad is None for p in model.refinement.parameters())
-    assert all(p.grad is not None for p in model.first.parameters())
-
-    model = refining().train()
-    before = {name: values.clone() for name, values in model.first.state_dict().items()}
-    model(inputs).points.square().sum().backward()
-    assert all(p.grad is None for p in model.first.parameters())
-    assert all(p.grad is not None for p in model.refinement.parameters())
-    after = model.first.state_dict()
-    assert all(torch.equal(values, after[name]) for name, values in before.items())
-
-
-def test_a_frozen_first_stage_stays_in_evaluation_mode() -> None:
-    model = LIDF(MICRO).train()
-    assert model.first.training
-    model.set_stage(2)
-    assert model.train().training
-    assert not any(module.training for module in model.first.modules())
-    assert model.refinement.training
-    model.set_stage(1)
-    assert all(module.training for module in model.first.modules())
 
 
 def test_the_stage_is_a_part_of_the_state() -> None:

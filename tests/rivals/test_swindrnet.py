@@ -47,9 +47,7 @@ def test_it_has_the_published_number_of_weights() -> None:
     assert weights(network.color_swin) == weights(network.depth_swin) == 27_522_234
 
 
-def test_measured_and_predicted_depth_are_mixed_and_missing_depth_has_no_share(
-    noise_frames,
-) -> None:
+def test_measured_and_predicted_depth_are_mixed_and_missing_depth_has_no_share(noise_frames):
     inputs = noise_frames(36, 64)
     output = steady()(inputs)
     torch.testing.assert_close(output.initial, torch.full_like(inputs.depth, 0.5))
@@ -78,9 +76,7 @@ def test_depth_behind_the_camera_is_not_restored(noise_frames) -> None:
     assert output.depth.min() == 0
 
 
-def test_it_looks_at_colour_and_depth_but_at_neither_mask_nor_hand(
-    network: SwinDRNet, noise_frames
-) -> None:
+def test_it_looks_at_colour_and_depth_but_at_neither_mask_nor_hand(network, noise_frames):
     inputs = noise_frames(36, 64)
     initial = network(inputs).initial
     for other in (

@@ -37,18 +37,14 @@ def test_every_weight_takes_part(network: TODETrans, noise_frames) -> None:
     assert [name for name, values in model.named_parameters() if values.grad is None] == []
 
 
-def test_the_published_size_and_large_patches_give_an_image(
-    published: TODETrans, noise_frames
-) -> None:
+def test_the_published_size_and_large_patches_give_an_image(published, noise_frames):
     large = TODETrans(replace(SMALL, patch=4)).eval()
     with torch.no_grad():
         assert published(noise_frames(72, 128)).image.shape == (2, 72, 128)
         assert large(noise_frames(22, 34)).image.shape == (2, 22, 34)
 
 
-def test_the_transformer_is_given_colour_and_metres_as_they_are(
-    network: TODETrans, noise_frames
-) -> None:
+def test_the_transformer_is_given_colour_and_metres_as_they_are(network, noise_frames):
     inputs = noise_frames()
     seen: list[torch.Tensor] = []
     hook = network.swin.register_forward_pre_hook(lambda _, given: seen.append(given[0]))

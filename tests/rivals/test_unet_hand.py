@@ -41,9 +41,7 @@ class _Coarser(nn.Module):
 
 
 @pytest.mark.parametrize("height", [72, 90])
-def test_a_spot_stays_in_its_place_where_levels_have_an_odd_height(
-    height: int, noise_frames
-) -> None:
+def test_a_spot_stays_in_its_place_where_levels_have_an_odd_height(height, noise_frames):
     network = UNetHand(replace(SMALL, levels=4)).eval()
     for level in range(4):
         network.down[level] = nn.Identity()

@@ -7,20 +7,12 @@ import pytest
 import torch
 
 from hadr.models.hadr import HADR
-from hadr.training.evaluation import (
-    averages,
-    compare,
-    evaluate,
-    predict_depth,
-    score,
-)
+from hadr.training.evaluation import averages, compare, evaluate, predict_depth, score
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 
 
-def test_score_is_over_the_objects_pixels_and_a_hole_is_scored_as_zero(
-    frames: FrameTensors,
-) -> None:
+def test_score_is_over_the_objects_pixels_and_a_hole_is_scored_as_zero(frames):
     depth = frames.true_depth.numpy().copy()
     mask = frames.inputs.mask.numpy()
     depth[~mask] = 9.0  # outside: does not matter
@@ -60,9 +52,7 @@ def test_the_truth_has_no_say_in_a_prediction(micro: Preset, frames: FrameTensor
     np.testing.assert_array_equal(predict_depth(model, lie), predict_depth(model, frames))
 
 
-def test_comparison_on_frames_whose_baselines_are_known(
-    micro: Preset, frames: FrameTensors
-) -> None:
+def test_comparison_on_frames_whose_baselines_are_known(micro, frames):
     rows = averages(compare(frames, {"hadr": HADR(micro.model)}))
     assert list(rows) == ["raw", "inpainting", "nearest", "hand-median", "hadr"]
     # The hand has exactly the glass's depth in these frames, and raw depth is missing.
@@ -71,13 +61,3 @@ def test_comparison_on_frames_whose_baselines_are_known(
     assert rows["raw"].rmse_m == pytest.approx(float(frames.true_depth[:, 10, 15].mean()), abs=1e-6)
     assert rows["nearest"].rmse_m > 0.1
     assert rows["hadr"].frames == 6
-
-
-def test_rays_without_candidate_count_against_the_network(
-    micro: Preset, frames: FrameTensors
-) -> None:
-    blind = replace(
-        frames, inputs=replace(frames.inputs, depth=torch.zeros_like(frames.inputs.depth))
-    )
-    found = evaluate(HADR(micro.model), blind)
-    assert all(metrics.coverage == 0.0 and metrics.delta_125 == 0.0 for metrics in found)

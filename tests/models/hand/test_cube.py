@@ -19,12 +19,6 @@ def test_centre_and_sides_by_hand() -> None:
     torch.testing.assert_close(found, wanted)
 
 
-def test_there_and_back_again() -> None:
-    generator = torch.Generator().manual_seed(0)
-    points = cubes().center[:, None] + 0.2 * (torch.rand(2, 21, 3, generator=generator) - 0.5)
-    torch.testing.assert_close(cubes().out_of(cubes().into(points)), points)
-
-
 def test_a_pixel_s_point_is_where_the_camera_saw_it() -> None:
     """A tilted plane's depth, cut out and lifted, lies on the plane."""
     v, u = torch.meshgrid(torch.arange(100.0), torch.arange(160.0), indexing="ij")

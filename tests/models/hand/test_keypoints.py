@@ -1,8 +1,5 @@
 """The keypoint network around its maps: crops, truth in and out, mirrored hands, errors."""
 
-from dataclasses import replace
-
-import pytest
 import torch
 from torch import nn
 
@@ -79,48 +76,6 @@ def test_what_is_not_hand_has_no_say() -> None:
     torch.testing.assert_close(predict_keypoints(model, inputs, hand), before)
     inputs.depth[:, 40:50, 80:100] += 0.04
     assert (predict_keypoints(model, inputs, hand) - before).abs().max() > 1e-4
-
-
-def test_a_mirrored_hand_gives_the_mirrored_keypoints_of_mirrored_maps() -> None:
-    """The same camera mirrored: pixels and x change sign, the depths and distances stay."""
-    inputs, keypoints = frames()
-    left = replace(
-        inputs,
-        depth=inputs.depth.flip(2),
-        mask=inputs.mask.flip(2),
-        intrinsics=inputs.intrinsics * torch.tensor([1, 1, -1, 1]) + torch.tensor([0, 0, 159.0, 0]),
-    )
-    mirror = torch.tensor([-1.0, 1.0, 1.0])
-    centers = [hand_cube(SMALL, i, hand_of(i)).center for i in (inputs, left)]
-    torch.testing.assert_close(centers[1], centers[0] * mirror)
-    found = predict_keypoints(Oracle(left, keypoints * mirror), left, hand_of(left))
-    torch.testing.assert_close(found, keypoints * mirror, atol=1e-5, rtol=0)
-
-
-def test_moving_hand_and_camera_s_principal_point_together_changes_no_crop() -> None:
-    torch.manual_seed(0)
-    inputs, _ = frames(1)
-    model = HandKeypointNet(SMALL).eval()
-    moved = replace(
-        inputs,
-        depth=inputs.depth.roll(16, dims=2),
-        mask=inputs.mask.roll(16, dims=2),
-        intrinsics=inputs.intrinsics + torch.tensor([0, 0, 16.0, 0]),
-    )
-    torch.testing.assert_close(
-        predict_keypoints(model, moved, hand_of(moved)),
-        predict_keypoints(model, inputs, hand_of(inputs)),
-        atol=1e-5,
-        rtol=0,
-    )
-
-
-def test_a_frame_without_a_hand_is_named() -> None:
-    inputs, _ = frames()
-    empty = hand_of(inputs).clone()
-    empty[1] = False
-    with pytest.raises(ValueError, match="frame 1 of the batch shows no hand: of the 0 pixels"):
-        predict_keypoints(HandKeypointNet(SMALL).eval(), inputs, empty)
 
 
 def test_every_weight_gets_a_gradient() -> None:

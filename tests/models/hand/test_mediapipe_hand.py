@@ -136,9 +136,7 @@ def test_wrong_results_are_named() -> None:
         lift_landmarks(result_of(hand()), np.ones((4, 4)), CAMERA)
 
 
-def test_without_the_package_or_the_file_it_is_said_what_to_do(
-    tmp_path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_package_or_the_file_it_is_said_what_to_do(tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ImportError, match=r"pip install 'hadr\[mediapipe\]'"):
         MediaPipeHand(tmp_path / "hand_landmarker.task")

@@ -45,15 +45,6 @@ def test_weight_is_added_to_the_logit_and_the_step_is_reach_times_one_minus_heat
     torch.testing.assert_close(joint, wanted)
 
 
-def test_perfect_maps_give_the_joints_back_exactly() -> None:
-    generator = torch.Generator().manual_seed(0)
-    points = torch.rand(2, 3, 6, 7, generator=generator) - 0.5
-    joints = (torch.rand(2, 21, 3, generator=generator) - 0.5) * 0.8
-    valid = torch.rand(2, 6, 7, generator=generator) < 0.5
-    maps = maps_of_joints(joints, points, valid, reach=3.0)
-    torch.testing.assert_close(joints_of_maps(maps, points, valid, 3.0), joints)
-
-
 def test_invalid_pixels_have_no_say_not_even_nan() -> None:
     points = points_at((0.1, 0.2, 0.3), (float("nan"), 9.0, 9.0))
     maps = JointMaps(

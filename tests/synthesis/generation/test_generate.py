@@ -3,12 +3,7 @@ import importlib.util
 import json
 import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import asdict, replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -60,34 +55,6 @@ def test_a_run_goes_on_where_it_ended(six, tmp_path):
     assert (report.written, report.kept) == (4, 2)
     assert contents(tmp_path) == contents(six)
     assert "4 frames written, 2 kept" in str(report)
-
-
-@pytest.mark.long
-def test_killed_and_started_again_the_tree_is_the_same(tmp_path):
-    straight, killed = tmp_path / "straight", tmp_path / "killed"
-    words = "--preset tiny --frames 8 --width 48 --height 27 --objects 0000 0005 --workers 1 --out"
-    line = [sys.executable, "-m", "hadr.cli", "generate", *words.split()]
-    subprocess.run([*line, straight], check=True)
-    whole, caught = contents(straight), 0
-    assert len(list(straight.rglob("log_json/*.json"))) == 8
-    logs = "[!.]*/*/*/log_json/*.json"  # not in folders that come and go while it starts
-    for after, moment in ((1, 0.1), (4, 0.3)):
-        process = subprocess.Popen([*line, killed], start_new_session=True)
-        while process.poll() is None and len(list(killed.glob(logs))) < after:
-            time.sleep(0.002)
-        time.sleep(moment)  # into the next frame
-        if process.poll() is None:  # with its workers
-            os.killpg(process.pid, signal.SIGKILL)
-            caught += 1
-        process.wait()
-        logged = {path.stem for path in killed.glob(logs)}
-        found = contents(killed)
-        for name, data in whole.items():
-            if name.count("/") > 2 and Path(name).stem in logged:
-                assert found.get(name) == data, name  # a frame with a log is whole
-    assert caught >= 1
-    subprocess.run([*line, killed], check=True)
-    assert contents(killed) == whole
 
 
 def test_a_full_disk_is_told_and_what_is_written_is_whole(six, tmp_path, monkeypatch):

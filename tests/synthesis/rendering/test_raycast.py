@@ -37,19 +37,6 @@ def test_depth_of_a_glass_sphere_is_exact_and_what_is_behind_it_is_kept(plane):
     np.testing.assert_allclose(labels.normals[clear], normal[clear], atol=2e-3)
 
 
-def test_masks_are_disjoint_and_both_are_seen(scene):
-    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
-    assert labels.object_mask.sum() > 50
-    assert labels.hand_mask.sum() > 50
-    assert not (labels.object_mask & labels.hand_mask).any()
-    assert (labels.depth > 0).all()
-    # Without the glass every pixel looks as far or farther.
-    assert (labels.background_depth >= labels.depth - 1e-6).all()
-    off = ~labels.object_mask
-    np.testing.assert_array_equal(labels.depth[off], labels.background_depth[off])
-    assert (labels.background_depth - labels.depth)[labels.object_mask].max() > 0.02
-
-
 def nearest_hit(eye, direction, surface) -> float:
     """Every triangle against one ray, by Cramer's rule in float64."""
     a, b, c = (surface.vertices[surface.faces[:, i]] for i in range(3))

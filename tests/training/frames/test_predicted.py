@@ -7,7 +7,6 @@ import torch
 
 from hadr.data.frame import Frame
 from hadr.data.samples import open_samples
-from hadr.models.hadr import HADR
 from hadr.models.hand.keypoints import HandKeypointNet
 from hadr.models.segmentation import SegmentationNet
 from hadr.training.checkpoints import save_checkpoint
@@ -15,7 +14,7 @@ from hadr.training.frames import predicted
 from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.frames.predicted import pixels_of, with_predicted
 from hadr.training.presets import preset
-from hadr.training.recipe import Given, Preset
+from hadr.training.recipe import Given
 
 SIZE, OWN = (64, 36), (128, 72)
 """Size of the frames, and that at which the helpers were trained."""
@@ -57,9 +56,7 @@ def see_truth(monkeypatch: pytest.MonkeyPatch, blind: str = "") -> list[tuple[in
     return sizes
 
 
-def test_each_helper_works_at_its_own_size(
-    source: list[Frame], helpers: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_helper_works_at_its_own_size(source, helpers, monkeypatch):
     frames = load_frames(source[:1] + source[2:], SIZE)  # one of the source is not among them
     blind = frames.stems[-1]
     sizes = see_truth(monkeypatch, blind)
@@ -76,9 +73,7 @@ def test_each_helper_works_at_its_own_size(
     assert not found.inputs.keypoints_uv[-1].any()
 
 
-def test_the_same_keypoints_whatever_the_size_of_the_frames(
-    source: list[Frame], helpers: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_same_keypoints_whatever_the_size_of_the_frames(source, helpers, monkeypatch):
     see_truth(monkeypatch)
     small, large = (
         with_predicted(load_frames(source, size), source, Given("oracle", *helpers))
@@ -89,9 +84,7 @@ def test_the_same_keypoints_whatever_the_size_of_the_frames(
     assert apart.abs().max() < 0.5
 
 
-def test_depth_of_a_sensor_is_left_in_the_mask(
-    source: list[Frame], helpers: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_depth_of_a_sensor_is_left_in_the_mask(source, helpers, monkeypatch):
     see_truth(monkeypatch)
     frames = load_frames(source, SIZE, "sensor")
     found = with_predicted(frames, source, Given("sensor", helpers[0]))
@@ -99,9 +92,7 @@ def test_depth_of_a_sensor_is_left_in_the_mask(
     assert torch.equal(found.inputs.keypoints, frames.inputs.keypoints)
 
 
-def test_a_network_that_finds_nothing_at_all_is_refused(
-    source: list[Frame], helpers: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_network_that_finds_nothing_at_all_is_refused(source, helpers, monkeypatch):
     monkeypatch.setattr(
         predicted, "_masks", lambda _, part: torch.zeros(len(part), 2, OWN[1], OWN[0]) > 0
     )
@@ -109,19 +100,9 @@ def test_a_network_that_finds_nothing_at_all_is_refused(
         with_predicted(load_frames(source, SIZE), source, Given("oracle", helpers[0]))
 
 
-def test_frames_of_another_source_are_refused(
-    source: list[Frame], helpers: tuple[Path, Path]
-) -> None:
+def test_frames_of_another_source_are_refused(source, helpers):
     with pytest.raises(ValueError, match="is not in the source, or out of its order"):
         with_predicted(load_frames(source, SIZE), source[1:], Given("oracle", helpers[0]))
-
-
-def test_a_checkpoint_of_another_network_is_refused(
-    frames: FrameTensors, source: list[Frame], micro: Preset, tmp_path: Path
-) -> None:
-    save_checkpoint(tmp_path / "hadr.safetensors", HADR(micro.model), {"width": 32, "height": 24})  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="of kind 'hadr', expected 'segmentation'"):
-        with_predicted(frames, source, Given("oracle", tmp_path / "hadr.safetensors"))
 
 
 def test_pixels_hand_computed() -> None:
