@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from numpy.random import default_rng
 
 from hadr.camera import Intrinsics
 from hadr.corruption import (
@@ -49,12 +50,7 @@ def test_erase_mask_changes_exactly_the_mask() -> None:
 def test_see_through_has_the_asked_shares_and_the_backgrounds_depth() -> None:
     depth, background, mask = plane(0.5), plane(0.9), disc()
     seen = see_through(
-        depth,
-        background,
-        mask,
-        np.random.default_rng(0),
-        missing_share=0.3,
-        background_share=0.5,
+        depth, background, mask, default_rng(0), missing_share=0.3, background_share=0.5
     )
     inside = seen[mask]
     n = inside.size
@@ -66,7 +62,7 @@ def test_see_through_has_the_asked_shares_and_the_backgrounds_depth() -> None:
 
 def test_depth_is_quantised_to_whole_steps_of_disparity() -> None:
     """f b / z = 640 * 0.05 / 0.8 = 40 pixels."""
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     measured = stereo_noise(
         plane(0.8), CAMERA, rng, baseline_m=0.05, disparity_std=0, disparity_step=3.0
     )
@@ -76,12 +72,7 @@ def test_depth_is_quantised_to_whole_steps_of_disparity() -> None:
 @pytest.mark.parametrize("z", [0.4, 0.8, 1.6])
 def test_noise_grows_with_the_square_of_the_distance(z: float) -> None:
     measured = stereo_noise(
-        plane(z),
-        CAMERA,
-        np.random.default_rng(3),
-        baseline_m=0.055,
-        disparity_step=0,
-        disparity_std=0.1,
+        plane(z), CAMERA, default_rng(3), baseline_m=0.055, disparity_step=0, disparity_std=0.1
     )
     expected = z**2 / (CAMERA.fx * 0.055) * 0.1
     assert measured.std() == pytest.approx(expected, rel=0.03)
@@ -91,11 +82,11 @@ def test_noise_grows_with_the_square_of_the_distance(z: float) -> None:
 def test_stereo_keeps_missing_pixels_and_refuses_nonsense() -> None:
     depth = plane(0.8)
     depth[:10] = 0
-    measured = stereo_noise(depth, CAMERA, np.random.default_rng(0))
+    measured = stereo_noise(depth, CAMERA, default_rng(0))
     assert (measured[:10] == 0).all()
     assert (measured[10:] > 0).all()
     with pytest.raises(ValueError, match=r"baseline_m must be positive.*got -0.1"):
-        stereo_noise(depth, CAMERA, np.random.default_rng(0), baseline_m=-0.1)
+        stereo_noise(depth, CAMERA, default_rng(0), baseline_m=-0.1)
 
 
 def test_one_ellipse_has_the_area_of_an_ellipse() -> None:
@@ -105,7 +96,7 @@ def test_one_ellipse_has_the_area_of_an_ellipse() -> None:
         dropped = ellipse_dropout(
             np.ones((400, 400), np.float32),
             None,
-            np.random.default_rng(seed),
+            default_rng(seed),
             probability=1.0,
             mean_count=1.0,
             radius_shape=1e6,
@@ -120,7 +111,7 @@ def test_ellipses_erase_only_inside_the_mask_and_mostly_with_the_probability() -
     depth, mask = plane(0.7), disc()
     touched = 0
     for seed in range(200):
-        dropped = ellipse_dropout(depth, mask, np.random.default_rng(seed))
+        dropped = ellipse_dropout(depth, mask, default_rng(seed))
         np.testing.assert_array_equal(dropped[~mask], depth[~mask])
         touched += bool((dropped == 0).any())
     assert touched == pytest.approx(0.8 * 200, abs=3 * np.sqrt(200 * 0.8 * 0.2))
@@ -133,7 +124,7 @@ def test_ellipse_count_is_poisson_20_by_default() -> None:
             ellipse_dropout(
                 np.ones((500, 500), np.float32),
                 None,
-                np.random.default_rng(seed),
+                default_rng(seed),
                 probability=1.0,
                 radius_shape=1e6,
                 radius_scale=0.6e-6,
@@ -148,12 +139,12 @@ def test_ellipse_count_is_poisson_20_by_default() -> None:
 def test_edge_noise_leaves_a_plane_and_missing_pixels_alone() -> None:
     depth = plane(0.8)
     depth[40:50, 40:50] = 0
-    np.testing.assert_array_equal(edge_noise(depth, np.random.default_rng(0)), depth)
+    np.testing.assert_array_equal(edge_noise(depth, default_rng(0)), depth)
 
 
 def test_edge_noise_touches_only_the_band_and_stays_between_both_surfaces() -> None:
     depth = two_steps()
-    noisy = edge_noise(depth, np.random.default_rng(0), width_px=2, flying_share=0.5)
+    noisy = edge_noise(depth, default_rng(0), width_px=2, flying_share=0.5)
     changed = noisy != depth
     columns = np.flatnonzero(changed.any(axis=0))
     assert columns.min() >= 78
@@ -174,18 +165,17 @@ def test_depth_jumps_marks_both_sides_of_a_step() -> None:
 
 def test_corrupt_is_the_oracle_by_default_and_repeats_with_the_seed() -> None:
     depth, mask = two_steps(), disc()
-    oracle = corrupt(depth, mask, CAMERA, np.random.default_rng(0))
+    oracle = corrupt(depth, mask, CAMERA, default_rng(0))
     np.testing.assert_array_equal(oracle, erase_mask(depth, mask))
     first, again, other = (
-        corrupt(depth, mask, CAMERA, np.random.default_rng(seed), ANALYTIC, plane(1.3))
-        for seed in (5, 5, 6)
+        corrupt(depth, mask, CAMERA, default_rng(seed), ANALYTIC, plane(1.3)) for seed in (5, 5, 6)
     )
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
     everything = CorruptionConfig(
         erase=True, see_through=True, stereo=True, edges=True, ellipses=True
     )
-    erased = corrupt(depth, mask, CAMERA, np.random.default_rng(0), everything, plane(1.3))
+    erased = corrupt(depth, mask, CAMERA, default_rng(0), everything, plane(1.3))
     assert (erased[mask] == 0).all()
 
 
@@ -193,14 +183,14 @@ def test_a_captured_depth_replaces_the_true_one() -> None:
     depth, mask = two_steps(), disc()
     raw = np.full_like(depth, 0.7)
     raw[:5], raw[5:9] = np.nan, -1.0
-    taken = corrupt(depth, mask, CAMERA, np.random.default_rng(0), SENSOR, raw_depth=raw)
+    taken = corrupt(depth, mask, CAMERA, default_rng(0), SENSOR, raw_depth=raw)
     assert (taken[:9] == 0).all()
     assert (taken[9:] == np.float32(0.7)).all()
     assert taken.dtype == np.float32
     with pytest.raises(ValueError, match="captured needs raw_depth"):
-        corrupt(depth, mask, CAMERA, np.random.default_rng(0), SENSOR)
+        corrupt(depth, mask, CAMERA, default_rng(0), SENSOR)
     with pytest.raises(ValueError, match=r"depth and raw_depth .* got \(120, 160\) and \(2, 2\)"):
-        corrupt(depth, mask, CAMERA, np.random.default_rng(0), SENSOR, raw_depth=np.ones((2, 2)))
+        corrupt(depth, mask, CAMERA, default_rng(0), SENSOR, raw_depth=np.ones((2, 2)))
 
 
 def test_the_default_shares_are_the_real_ones(realdata) -> None:
@@ -239,20 +229,13 @@ def test_errors_name_the_values() -> None:
     with pytest.raises(ValueError, match=r"depth and mask .* got \(120, 160\) and \(3, 3\)"):
         erase_mask(depth, np.ones((3, 3), bool))
     with pytest.raises(ValueError, match=r"at most 1, got 0.7 and 0.6"):
-        see_through(
-            depth,
-            depth,
-            mask,
-            np.random.default_rng(0),
-            missing_share=0.7,
-            background_share=0.6,
-        )
+        see_through(depth, depth, mask, default_rng(0), missing_share=0.7, background_share=0.6)
     with pytest.raises(ValueError, match="see_through needs background_depth"):
-        corrupt(depth, mask, CAMERA, np.random.default_rng(0), ANALYTIC)
+        corrupt(depth, mask, CAMERA, default_rng(0), ANALYTIC)
 
 
 def test_smooth_noise_is_standardised_and_smooth() -> None:
-    noise = smooth_noise((200, 200), 4.0, np.random.default_rng(0))
+    noise = smooth_noise((200, 200), 4.0, default_rng(0))
     assert noise.mean() == pytest.approx(0, abs=1e-12)
     assert noise.std() == pytest.approx(1)
     neighbours = (noise[:, 1:] * noise[:, :-1]).mean()

@@ -51,31 +51,19 @@ def hand_in_camera(seed: int = 0, side: str = "right") -> np.ndarray:
 # Names and counts
 
 
-def test_skeleton_has_22_joints_and_the_hand_21_keypoints():
-    assert len(SKELETON_NAMES) == len(set(SKELETON_NAMES)) == len(SKELETON_PARENTS) == 22
-    assert len(KEYPOINT_NAMES) == len(set(KEYPOINT_NAMES)) == 21
+def test_joints_and_keypoints_have_the_detectors_names_in_its_order():
+    assert len(set(SKELETON_NAMES)) == len(SKELETON_NAMES) == len(SKELETON_PARENTS) == 22
     assert SKELETON_NAMES[1] == "palm"
     assert tuple(n for n in SKELETON_NAMES if n != "palm") == KEYPOINT_NAMES
-
-
-def test_keypoint_order_is_the_detectors():
-    assert KEYPOINT_NAMES[0] == "wrist"
-    assert KEYPOINT_NAMES[4::4] == (
-        "thumb_tip",
-        "index_tip",
-        "middle_tip",
-        "ring_tip",
-        "little_tip",
-    )
-    assert KEYPOINT_NAMES[5] == "index_mcp"
-    assert KEYPOINT_NAMES[9] == "middle_mcp"
-    assert KEYPOINT_NAMES[17] == "little_mcp"
+    assert KEYPOINT_NAMES[4::4] == ("thumb_tip", *(f"{finger}_tip" for finger in LONG_FINGERS))
+    first = [KEYPOINT_NAMES[number] for number in (0, 5, 9, 13, 17)]
+    assert first == ["wrist", *(f"{finger}_mcp" for finger in LONG_FINGERS)]
     assert FINGERS["middle"] == (9, 10, 11, 12)
 
 
 def test_four_fingers_hang_on_the_palm_and_the_thumb_on_the_wrist():
     children = {SKELETON_NAMES[i] for i, parent in enumerate(SKELETON_PARENTS) if parent == 1}
-    assert children == {"index_mcp", "middle_mcp", "ring_mcp", "little_mcp"}
+    assert children == {f"{finger}_mcp" for finger in LONG_FINGERS}
     assert SKELETON_NAMES[SKELETON_PARENTS[SKELETON_NAMES.index("thumb_cmc")]] == "wrist"
     assert SKELETON_PARENTS[:2] == (-1, 0)
     for i, name in enumerate(SKELETON_NAMES):
@@ -84,15 +72,10 @@ def test_four_fingers_hang_on_the_palm_and_the_thumb_on_the_wrist():
 
 
 def test_angles_are_named_with_limits():
-    assert len(ANGLE_NAMES) == len(set(ANGLE_NAMES)) == 20
-    assert ANGLE_NAMES[:4] == (
-        "thumb_cmc_spread",
-        "thumb_cmc_stretch",
-        "thumb_mcp_stretch",
-        "thumb_ip_stretch",
-    )
+    assert len(set(ANGLE_NAMES)) == len(ANGLE_NAMES) == len(ANGLE_LIMITS) == 20
+    parts = ("cmc_spread", "cmc_stretch", "mcp_stretch", "ip_stretch")
+    assert ANGLE_NAMES[:4] == tuple(f"thumb_{part}" for part in parts)
     assert ANGLE_NAMES[5] == "index_mcp_stretch"
-    assert ANGLE_LIMITS.shape == (20, 2)
     assert (ANGLE_LIMITS[:, 0] < ANGLE_LIMITS[:, 1]).all()
 
 

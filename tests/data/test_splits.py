@@ -3,12 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hadr.data.splits import (
-    leaked_share,
-    split_by_frame,
-    split_by_holding,
-    split_by_object,
-)
+from hadr.data.splits import leaked_share, split_by_frame, split_by_holding, split_by_object
 from hadr.synthesis.generation.settings import hold_split
 from hadr.synthesis.glass.objects import OBJECTS
 

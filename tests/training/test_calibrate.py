@@ -50,9 +50,7 @@ def test_pixels_are_the_restored_ones_with_their_errors(model, frames) -> None:
     assert fewer.coverage < pixels.coverage
 
 
-def test_calibrating_says_what_it_was_fitted_on_and_makes_it_honest_there(
-    model, plus, frames
-) -> None:
+def test_calibrating_says_what_it_was_fitted_on_and_makes_it_honest_there(model, plus, frames):
     additions = calibrate(plus, frames, frames, "little frames")
     near, far = additions["learned_range"]["depth_m"]
     assert near == pytest.approx(0.45 - 0.02)

@@ -9,15 +9,12 @@ from safetensors.torch import save_file
 
 from hadr.models.hadr import HADR
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint, update_record
-from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 
 SIZE = {"width": 32, "height": 24}
 
 
-def test_round_trip_and_the_record_beside_it(
-    tmp_path: Path, micro: Preset, frames: FrameTensors
-) -> None:
+def test_round_trip_and_the_record_beside_it(tmp_path, micro, frames):
     model = HADR(micro.model).eval()
     path = tmp_path / "deep" / "net.safetensors"
     save_checkpoint(path, model, {**SIZE, "note": "ä"})
@@ -51,9 +48,7 @@ def test_other_files_are_refused(tmp_path: Path, micro: Preset) -> None:
 
 
 @pytest.mark.parametrize("what", ["weights", "record", "no checksum"])
-def test_what_changed_since_it_was_written_is_refused(
-    tmp_path: Path, micro: Preset, what: str
-) -> None:
+def test_what_changed_since_it_was_written_is_refused(tmp_path, micro, what):
     path = tmp_path / "net.safetensors"
     save_checkpoint(path, HADR(micro.model), {**SIZE, "confidence": {"center": [-1.25]}})
     whole = path.read_bytes()
@@ -91,9 +86,7 @@ def test_weights_that_are_no_numbers_are_refused(tmp_path: Path, micro: Preset) 
         ({"learned_range": {"depth_m": [2.0, 0.3]}}, "learned_range: depth_m must be two rising"),
     ],
 )
-def test_a_wrong_field_of_the_record_is_named(
-    tmp_path: Path, micro: Preset, change: dict[str, object], said: str
-) -> None:
+def test_a_wrong_field_of_the_record_is_named(tmp_path, micro, change, said):
     path = tmp_path / "net.safetensors"
     save_checkpoint(path, HADR(micro.model), SIZE)
     update_record(path, change)
@@ -116,9 +109,7 @@ def test_a_configuration_that_makes_no_network_is_refused(tmp_path: Path, micro:
         assert len(str(error.value)) < 600
 
 
-def test_a_failed_write_leaves_the_old_checkpoint(
-    tmp_path: Path, micro: Preset, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_write_leaves_the_old_checkpoint(tmp_path, micro, monkeypatch):
     path = tmp_path / "net.safetensors"
     save_checkpoint(path, HADR(micro.model), {**SIZE, "round": 1})
 

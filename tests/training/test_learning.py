@@ -26,36 +26,16 @@ from hadr.training.tasks.task import Task
 PLAIN = Preset(
     "micro", 32, 24, schedule="cosine", batch_size=4, augment=False, clip_norm=1.0, epochs=100
 )
+SWIN = {"depths": (1, 1), "heads": (1, 2), "drop_path": 0.0}
+TODE = TODEConfig(embed_dim=8, window=4, width=32, **SWIN)
+SWINDRNET = SwinDRNetConfig(BackboneConfig(embed_dim=16, **SWIN), channels=16, dropout=0.0)
+DFNET = DFNetConfig(width=16, layers=2, growth=8, levels=1)
+UNET = UNetHandConfig(width=16, levels=3)
 RECIPES = [
-    replace(
-        PLAIN,
-        network="tode",
-        model=TODEConfig(
-            embed_dim=8, depths=(1, 1), heads=(1, 2), window=4, drop_path=0.0, width=32
-        ),
-        learning_rate=5e-3,
-    ),
-    replace(
-        PLAIN,
-        network="dfnet",
-        model=DFNetConfig(width=16, layers=2, growth=8, levels=1),
-        learning_rate=1e-2,
-        epochs=60,
-    ),
-    replace(
-        PLAIN,
-        network="swindrnet",
-        model=SwinDRNetConfig(
-            backbone=BackboneConfig(embed_dim=16, depths=(1, 1), heads=(1, 2), drop_path=0.0),
-            channels=16,
-            dropout=0.0,
-        ),
-        learning_rate=1e-2,
-        epochs=60,
-    ),
-    replace(
-        PLAIN, network="unet-hand", model=UNetHandConfig(width=16, levels=3), learning_rate=1e-2
-    ),
+    replace(PLAIN, network="tode", model=TODE, learning_rate=5e-3),
+    replace(PLAIN, network="dfnet", model=DFNET, learning_rate=1e-2, epochs=60),
+    replace(PLAIN, network="swindrnet", model=SWINDRNET, learning_rate=1e-2, epochs=60),
+    replace(PLAIN, network="unet-hand", model=UNET, learning_rate=1e-2),
 ]
 
 
@@ -86,12 +66,6 @@ def test_a_rival_learns_four_frames_by_heart(recipe: Preset, frames: FrameTensor
 
 def test_hadr_learns_four_frames_by_heart(micro: Preset, frames: FrameTensors) -> None:
     model = replace(micro.model, backbone=replace(micro.model.backbone, drop_path=0.0))  # type: ignore[attr-defined, type-var]
-    recipe = replace(
-        PLAIN,
-        model=model,
-        learning_rate=3e-3,
-        clip_norm=100.0,
-        epochs=60,
-        true_voxel_epochs=20,
-    )
+    given = {"learning_rate": 3e-3, "clip_norm": 100.0, "epochs": 60, "true_voxel_epochs": 20}
+    recipe = replace(PLAIN, model=model, **given)
     learn_by_heart(recipe, frames.take(range(4)))

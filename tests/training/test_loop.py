@@ -36,9 +36,7 @@ def same_weights(a: torch.nn.Module, b: torch.nn.Module) -> bool:
     return all(torch.equal(value, other[name]) for name, value in a.state_dict().items())
 
 
-def test_a_resumed_training_ends_with_the_same_weights(
-    tmp_path: Path, micro: Preset, frames: FrameTensors, through: tuple[Trained, Path]
-) -> None:
+def test_a_resumed_training_ends_with_the_same_weights(tmp_path, micro, frames, through):
     train(micro, frames, frames, folder=tmp_path, seed=3, stop_after=2, progress=False)
     torch.manual_seed(999)  # whatever happened in between
     resumed = train(micro, frames, frames, folder=tmp_path, seed=3, resume=True, progress=False)
@@ -48,12 +46,7 @@ def test_a_resumed_training_ends_with_the_same_weights(
         assert {**one, "seconds": 0} == {**two, "seconds": 0}
 
 
-def test_batches_that_other_processes_prepare_train_alike(
-    micro: Preset,
-    frames: FrameTensors,
-    through: tuple[Trained, Path],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_batches_that_other_processes_prepare_train_alike(micro, frames, through, monkeypatch):
     asked: list[str] = []
 
     def two(device: torch.device) -> int:
@@ -68,9 +61,7 @@ def test_batches_that_other_processes_prepare_train_alike(
     assert same_weights(through[0].model, prepared.model)
 
 
-def test_a_training_that_began_with_published_weights_is_resumed(
-    tmp_path: Path, frames: FrameTensors
-) -> None:
+def test_a_training_that_began_with_published_weights_is_resumed(tmp_path, frames):
     recipe = preset("imagenet", "unet-hand")
     small = replace(recipe.model, width=8, view=replace(recipe.model.view, size=32))
     recipe = replace(recipe, width=64, height=36, epochs=2, model=small)
@@ -81,9 +72,7 @@ def test_a_training_that_began_with_published_weights_is_resumed(
     assert same_weights(at_once.model, resumed.model)
 
 
-def test_encoders_follow_the_schedule_from_their_own_rate(
-    tmp_path: Path, micro: Preset, frames: FrameTensors, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_encoders_follow_the_schedule_from_their_own_rate(tmp_path, micro, frames, monkeypatch):
     rates: list[tuple[float, ...]] = []
 
     class Watched(torch.optim.Adam):
@@ -125,9 +114,7 @@ def test_another_seed_is_another_training(micro: Preset, frames: FrameTensors) -
     assert not same_weights(through.model, train(short, frames, seed=4, progress=False).model)
 
 
-def test_what_a_training_cannot_go_on_from_is_refused(
-    tmp_path: Path, micro: Preset, frames: FrameTensors
-) -> None:
+def test_what_a_training_cannot_go_on_from_is_refused(tmp_path, micro, frames):
     def resumed() -> None:
         train(short, frames, frames, folder=tmp_path, seed=3, resume=True, progress=False)
 
@@ -174,9 +161,7 @@ def test_strided_rays_train_too(micro: Preset, frames: FrameTensors) -> None:
     assert 0 < trained.history[-1]["depth"] < 0.5
 
 
-def test_resume_refuses_another_training(
-    tmp_path: Path, micro: Preset, frames: FrameTensors
-) -> None:
+def test_resume_refuses_another_training(tmp_path, micro, frames):
     short = replace(micro, epochs=1)
     train(short, frames, folder=tmp_path, progress=False)
     with pytest.raises(ValueError, match="was trained with seed 0, not 1"):
@@ -254,9 +239,7 @@ def test_the_best_epoch_is_mended_after_a_kill_between_two_files(
     assert same_weights(whole.model, load_checkpoint(two / LAST)[0])
 
 
-def test_a_history_that_somebody_changed_is_kept(
-    micro: Preset, frames: FrameTensors, tmp_path: Path
-) -> None:
+def test_a_history_that_somebody_changed_is_kept(micro, frames, tmp_path):
     again = partial(train, micro, frames, folder=tmp_path, progress=False)
     again(stop_after=1)
     again(resume=True, stop_after=2)
@@ -268,9 +251,7 @@ def test_a_history_that_somebody_changed_is_kept(
     assert history.read_text().startswith("epoch,")
 
 
-def test_the_average_of_the_weights_is_the_result_and_is_resumed(
-    tmp_path: Path, micro: Preset, frames: FrameTensors, through: tuple[Trained, Path]
-) -> None:
+def test_the_average_of_the_weights_is_the_result_and_is_resumed(tmp_path, micro, frames, through):
     averaging = partial(train, replace(micro, average_decay=0.9), frames, seed=3, progress=False)
     plain, averaged = through[0], averaging()
     assert not same_weights(plain.model, averaged.model)
@@ -321,9 +302,7 @@ def test_gradients_are_clipped(micro: Preset, frames: FrameTensors) -> None:
     assert not same_weights(free.model, clipped.model)
 
 
-def test_a_training_begins_with_the_weights_that_it_is_given(
-    micro: Preset, frames: FrameTensors
-) -> None:
+def test_a_training_begins_with_the_weights_that_it_is_given(micro, frames):
     first = train(micro, frames, seed=1, progress=False).model
     still = replace(micro, learning_rate=0.0, epochs=1, warmup_epochs=0.0)
     again = train(still, frames, seed=2, start=first, progress=False).model

@@ -3,7 +3,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -133,9 +132,7 @@ def test_every_network_has_recipes_that_its_task_builds() -> None:
 
 
 @pytest.mark.parametrize("network", NETWORKS)
-def test_a_checkpoint_of_every_network_is_read_as_that_network(
-    network: str, tmp_path: Path
-) -> None:
+def test_a_checkpoint_of_every_network_is_read_as_that_network(network, tmp_path):
     torch.manual_seed(0)
     model = Task(preset("tiny", network)).build()
     for module in model.modules():  # so that integers and running statistics are seen to travel

@@ -13,7 +13,6 @@ from hadr.models.hadr import HADR, HADRConfig
 from hadr.training.checkpoints import save_checkpoint
 from hadr.training.frames import predicted
 from hadr.training.losses import CODED
-from hadr.training.recipe import Preset
 from hadr.training.tasks.task import Task
 from hadr.training.train_command import (
     Options,
@@ -67,9 +66,7 @@ def test_a_missing_package_of_weights_is_one_sentence(tmp_path, capsys, monkeypa
     assert "no-such-package" in told
 
 
-def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(
-    tmp_path: Path, micro: Preset
-) -> None:
+def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(tmp_path, micro):
     last = tmp_path / "last.safetensors"
     recipe = recipe_from(parsed("--preset", "tiny", "--epochs", "40", "--schedule", "step"))
     assert recipe.drop_epoch == 30
@@ -96,9 +93,7 @@ def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(
         ("--drop-epoch -3", "drop_epoch must be from 0 to inf, got -3"),
     ],
 )
-def test_what_cannot_be_done_is_said_before_a_frame_is_read(
-    words: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_done_is_said_before_a_frame_is_read(words, message, tmp_path, monkeypatch):
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     there = importlib.util.find_spec
     monkeypatch.setattr(
@@ -110,9 +105,7 @@ def test_what_cannot_be_done_is_said_before_a_frame_is_read(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_cannot_be_one_or_is_taken_is_refused_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_that_cannot_be_one_or_is_taken_is_refused_at_once(tmp_path, monkeypatch):
     monkeypatch.setattr(predicted, "read_split", lambda *_, **__: pytest.fail("frames read"))
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match=r"file can't be a folder: .*file is a file"):

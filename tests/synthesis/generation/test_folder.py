@@ -121,9 +121,7 @@ def test_only_files_that_are_read_count(tmp_path):
     (tmp_path / "recordings").mkdir()
     (tmp_path / "recordings/hold.csv").write_text("time\n0\n")
     settings = replace(
-        SETTINGS,
-        backgrounds=str(tmp_path / "photographs"),
-        recordings=str(tmp_path / "recordings"),
+        SETTINGS, backgrounds=str(tmp_path / "photographs"), recordings=str(tmp_path / "recordings")
     )
     before = settings_record(settings)
     (tmp_path / "photographs/more/b.jpg").write_text("b")

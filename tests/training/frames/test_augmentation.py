@@ -7,12 +7,7 @@ import pytest
 import torch
 
 from hadr.models.network_input import HADRInput, ray_points
-from hadr.training.frames.augmentation import (
-    augment_frames,
-    draw_camera,
-    other_camera,
-    seen_by,
-)
+from hadr.training.frames.augmentation import augment_frames, draw_camera, other_camera, seen_by
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 
@@ -47,12 +42,7 @@ def recipe_with(**changes: float) -> Preset:
 def test_the_plane_stays_where_it_is(mirror: bool, zoom: float, roll: float) -> None:
     frame = plane_frame()
     camera = other_camera(
-        INTRINSICS,
-        (WIDTH, HEIGHT),
-        mirror=mirror,
-        zoom=zoom,
-        corner=(5.3, 2.1),
-        roll=roll,
+        INTRINSICS, (WIDTH, HEIGHT), mirror=mirror, zoom=zoom, corner=(5.3, 2.1), roll=roll
     )
     moved = seen_by(frame, camera)
     depth = moved.true_depth

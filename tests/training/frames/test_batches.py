@@ -23,9 +23,7 @@ def test_oracle_erases_the_object_and_nothing_else(glass_frame: Callable[..., Fr
     assert loaded.hand_mask.sum() == 5 * 5
 
 
-def test_the_analytic_models_keep_some_depth_and_follow_the_seed(
-    glass_frame: Callable[..., Frame],
-) -> None:
+def test_the_analytic_models_keep_some_depth_and_follow_the_seed(glass_frame):
     one, two, three = (
         load_frames([glass_frame()], (32, 24), "analytic", seed) for seed in (1, 1, 2)
     )
@@ -35,9 +33,7 @@ def test_the_analytic_models_keep_some_depth_and_follow_the_seed(
     assert 0 < (inside > 0.9).float().mean() < 1  # the background shows through
 
 
-def test_the_sensor_is_the_frames_raw_depth_and_erased_is_it_without_the_object(
-    glass_frame: Callable[..., Frame],
-) -> None:
+def test_the_sensor_is_the_frames_raw_depth_and_erased_is_it_without_the_object(glass_frame):
     frame = glass_frame()
     raw = np.where(frame.depth > 0, frame.depth + np.float32(0.003), 0).astype(np.float32)
     raw[frame.object_mask] = 0.83
@@ -56,17 +52,15 @@ def test_the_sensor_is_the_frames_raw_depth_and_erased_is_it_without_the_object(
     [("sensor", "raw"), ("erased", "raw"), ("analytic", "background")],
 )
 def test_a_frame_without_the_depth_that_a_corruption_takes_is_named(
-    glass_frame: Callable[..., Frame], corruption: Corruption, missing: str
-) -> None:
+    glass_frame, corruption, missing
+):
     told = {"raw": "raw depth", "background": "depth without the object"}[missing]
     frame = replace(glass_frame(), **{f"{missing}_depth": None})
     with pytest.raises(ValueError, match=rf"0004/000001 has no {told}, .* '{corruption}' takes"):
         load_frames([frame], (32, 24), corruption)
 
 
-def test_frames_without_object_are_skipped_and_none_at_all_is_an_error(
-    glass_frame: Callable[..., Frame],
-) -> None:
+def test_frames_without_object_are_skipped_and_none_at_all_is_an_error(glass_frame):
     loaded = load_frames([glass_frame("1", 0), glass_frame("2")], (32, 24))
     assert loaded.stems == ("0004/2",)
     assert loaded.object_mask.sum() == loaded.inputs.mask.sum() == 4 * 10
@@ -108,9 +102,7 @@ def test_threads_keep_order_and_chance(glass_frame: Callable[..., Frame]) -> Non
     assert torch.equal(together.inputs.depth, again.inputs.depth)
 
 
-def test_frames_without_object_stay_where_all_are_asked_for(
-    glass_frame: Callable[..., Frame],
-) -> None:
+def test_frames_without_object_stay_where_all_are_asked_for(glass_frame):
     frames = [glass_frame("1", 0), glass_frame("2")]
     loaded = load_frames(frames, (32, 24), keep_all=True)
     assert loaded.stems == ("0004/1", "0004/2")

@@ -62,9 +62,7 @@ class Reads(nn.Module):
         return DepthOutput(image, image > 0)
 
 
-def test_what_other_colors_cost_and_what_varies(
-    make_frames: Callable[..., FrameTensors],
-) -> None:
+def test_what_other_colors_cost_and_what_varies(make_frames: Callable[..., FrameTensors]) -> None:
     frames = make_frames(6)
     near = torch.tensor([0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
     color = torch.rand(frames.inputs.color.shape, generator=torch.Generator().manual_seed(1))

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -99,9 +98,7 @@ def through(frames: FrameTensors) -> Trained:
 
 
 @pytest.mark.parametrize("stopped", [1, 2, 3])
-def test_a_resumed_training_ends_with_the_same_weights(
-    frames: FrameTensors, through: Trained, tmp_path: Path, stopped: int
-) -> None:
+def test_a_resumed_training_ends_with_the_same_weights(frames, through, tmp_path, stopped):
     learn(frames, seed=3, folder=tmp_path, stop_after=stopped)
     kept, _ = load_checkpoint(tmp_path / LAST)
     assert kept.refines == (stopped > 2)  # what has not begun to learn does not answer
