@@ -222,7 +222,7 @@ class DepthNetwork:
             found = output.depth[0].numpy()
             sure = np.zeros_like(found)
             if rule is not None:
-                sure = rule(signal_of(output, rule.signal)[0].numpy())
+                sure = rule(signal_of(output)[0].numpy())
             elif self.rule is None and self.can_say:
                 sure = output.confidence[0].numpy()
         whole = np.zeros((2, *mask.shape), np.float32)

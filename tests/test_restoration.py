@@ -14,7 +14,7 @@ from hadr.models.networks import DEPTH_NETWORKS
 from hadr.restoration import Restorer, restore
 from hadr.trained_finders import SeenMasks
 
-RULE = ConfidenceRule("candidates", 0.0, 1.0, Calibration((0.2, 0.8), (0.3, 0.3))).to_dict()
+RULE = ConfidenceRule(0.0, 1.0, Calibration((0.2, 0.8), (0.3, 0.3))).to_dict()
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 
 

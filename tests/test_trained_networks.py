@@ -26,22 +26,24 @@ class Images:
     depth: Tensor
     confidence: Tensor
     restored: Tensor
+    spread: Tensor
 
 
 class StandIn(nn.Module):
     """Answers what it was told to, and keeps what it was given."""
 
-    def __init__(self, depth, confidence=0.5, restored=None) -> None:
+    def __init__(self, depth, confidence=0.5, restored=None, spread=0.01) -> None:
         super().__init__()
         image = np.broadcast_to(np.asarray(depth, np.float32), (SMALL[1], SMALL[0]))
         self.depth = torch.from_numpy(image.copy())[None]
         self.confidence = torch.full_like(self.depth, confidence)
+        self.spread = torch.full_like(self.depth, spread)
         self.restored = self.depth > 0 if restored is None else torch.from_numpy(restored)[None]
         self.given = self.cut = None
 
     def forward(self, inputs) -> Images:
         self.given = inputs
-        answer = Images(self.depth, self.confidence, self.restored)
+        answer = Images(self.depth, self.confidence, self.restored, self.spread)
         if self.cut is not None:
             answer.clamped = self.cut
         return answer
@@ -131,11 +133,12 @@ def test_what_is_restored_has_a_depth_in_range_and_nothing_else_has(seed, answer
 
 
 def test_a_rule_turns_the_score_into_a_probability() -> None:
-    """Log odds of 0.5 are 0, so the score is 1/2 and the probability the knot's at 1/2."""
-    rule = ConfidenceRule("network", 0.0, 1.0, Calibration((0.0, 0.5, 1.0), (0.1, 0.3, 0.9)))
-    found = ask(network(StandIn(0.7, 0.5), rule=rule), box())
+    """A spread of 99 mm has the signal -log 0.1; there the score is 1/2."""
+    calibration = Calibration((0.0, 0.5, 1.0), (0.1, 0.3, 0.9))
+    rule = ConfidenceRule(-float(np.log(0.1)), 0.2, calibration)
+    found = ask(network(StandIn(0.7, spread=0.099), rule=rule), box())
     np.testing.assert_allclose(found.confidence[box()], 0.3, atol=1e-4)
-    found = ask(network(StandIn(0.7, 0.9999), rule=rule), box())
+    found = ask(network(StandIn(0.7, spread=0.0), rule=rule), box())
     np.testing.assert_allclose(found.confidence[box()], 0.9, atol=1e-3)
 
 

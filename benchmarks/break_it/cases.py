@@ -188,7 +188,7 @@ def record_fields() -> Iterator[tuple[Call, str, str, tuple[Any, ...]]]:
     yield PLUS, name, "learned_range", ("x", [], {}, 7)
     yield PLUS, name, "learned_range.depth_m", (
         None, "x", [], {}, 7, [1], [2.0, 0.3], [NAN, 1], [INF, INF], [-2, -1], [0.3, HUGE])
-    for key in ("signals", "center", "scale", "weights", "calibration"):
+    for key in ("center", "scale", "calibration"):
         yield PLUS, name, f"confidence.{key}", (None, "x", [], {}, 7, [NAN], [HUGE], "@DROP")
 
 

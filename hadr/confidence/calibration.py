@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -76,10 +76,6 @@ class Calibration:
         """Map scores, any shape, to probabilities; linear between the knots, constant beyond."""
         return np.interp(score, self.scores, self.probabilities).astype(np.float32)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers, for a checkpoint's record."""
-        return {**asdict(self), "scores": [*self.scores], "probabilities": [*self.probabilities]}
-
 
 def fit_calibration(
     score: FloatArray, error_m: FloatArray, *, bins: int = 20, frames: int = 0
@@ -112,28 +108,21 @@ def fit_calibration(
     )
 
 
-Signal = Literal["network", "candidates"]
 FLOOR_M = 0.001
 """Added to a spread before the logarithm: differences below a millimetre mean nothing."""
-LEAST_ODDS = 1e-4
-"""Probabilities are kept this far from 0 and 1 before the log odds are taken."""
 
 
 @dataclass(frozen=True)
 class ConfidenceRule:
-    """How what a network says of its answer becomes the probability that a pixel is right.
+    """How the spread that a network predicts becomes the probability that a pixel is right.
 
     Args:
-        signal: "candidates": the spread of the predicted distribution of depth, as minus the
-            logarithm of (spread + 1 mm). "network": the probability that this distribution gives to
-            2 cm around the answer, as log odds. Larger = surer.
-        center: Mean of the signal over the calibration pixels.
+        center: Mean of the signal (`signal_of`) over the calibration pixels.
         scale: Its standard deviation, positive.
         calibration: From the score, the logistic function of the standardised signal, to the
             probability.
     """
 
-    signal: Signal
     center: float
     scale: float
     calibration: Calibration
@@ -156,50 +145,30 @@ class ConfidenceRule:
 
     def to_dict(self) -> dict[str, Any]:
         """The rule as built-in types, as checkpoints' records store it."""
-        return {
-            "signals": [self.signal],
-            "center": [self.center],
-            "scale": [self.scale],
-            "weights": [1.0],
-            "calibration": self.calibration.to_dict(),
-        }
+        return asdict(self)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ConfidenceRule:
-        """Build the rule from a record; ValueError where it joins several signals or is none."""
-        stored = structured(values, _StoredRule, "confidence", further=True)
-        (signal,), (center,), (scale,) = stored.signals, stored.center, stored.scale
-        return cls(signal, center, scale, stored.calibration)
+        """Build the rule from a record; ValueError where it is none, further keys are left."""
+        return structured(values, cls, "confidence", further=True)
 
 
-@dataclass(frozen=True)
-class _StoredRule:
-    """A rule as records store it; rules of several signals are none of ours."""
+def signal_of(output: Any) -> Any:
+    """What HADR-plus's output says of its answer (torch): (B, H, W), larger = surer.
 
-    signals: tuple[Signal]
-    center: tuple[float]
-    scale: tuple[float]
-    weights: tuple[float]
-    calibration: Calibration
-
-
-def signal_of(output: Any, signal: Signal = "candidates") -> Any:
-    """What HADR-plus's output says of the answer (torch): (B, H, W), 0 where not restored."""
-    if signal == "network":
-        sure = output.confidence.clamp(LEAST_ODDS, 1 - LEAST_ODDS)
-        return (sure / (1 - sure)).log() * output.restored
+    It is minus the logarithm of (spread of the predicted distribution of depth + 1 mm); 0 where not
+    restored.
+    """
     return -(output.spread.clamp(min=0) + FLOOR_M).log() * output.restored
 
 
-def fit_confidence(
-    spread_signal: FloatArray, error_m: FloatArray, *, frames: int = 0
-) -> ConfidenceRule:
+def fit_confidence(signal: FloatArray, error_m: FloatArray, *, frames: int = 0) -> ConfidenceRule:
     """Fit the rule of a network that predicts a distribution, on pixels of so many frames.
 
-    From the signal "candidates" and the error in metres of each restored pixel, (N,); ValueError
+    From the signal (`signal_of`) and the error in metres of each restored pixel, (N,); ValueError
     where there is none, the shapes differ, or a value is not finite.
     """
-    values, errors = np.asarray(spread_signal, np.float64), np.asarray(error_m, np.float64)
+    values, errors = np.asarray(signal, np.float64), np.asarray(error_m, np.float64)
     if not values.size or values.shape != errors.shape:
         raise ValueError(
             f"a confidence needs a signal and an error a pixel, got {values.size} and {errors.size}"
@@ -208,9 +177,7 @@ def fit_confidence(
         raise ValueError("a confidence needs finite signals and errors")
     center, scale = float(values.mean()), max(float(values.std()), 1e-9)
     score = expit((values - center) / scale)
-    return ConfidenceRule(
-        "candidates", center, scale, fit_calibration(score, error_m, frames=frames)
-    )
+    return ConfidenceRule(center, scale, fit_calibration(score, error_m, frames=frames))
 
 
 @dataclass(frozen=True)

@@ -161,38 +161,31 @@ def test_a_spread_becomes_the_true_probability_of_gaussian_errors() -> None:
 
 
 def test_a_rule_computed_by_hand() -> None:
-    rule = ConfidenceRule("network", 1.0, 2.0, Calibration((0.0, 1.0), (0.2, 0.8)))
+    rule = ConfidenceRule(1.0, 2.0, Calibration((0.0, 1.0), (0.2, 0.8)))
     # (2 - 1) / 2 = 0.5; logistic(0.5) = 0.62246
     assert rule.score(np.array([[2.0]]))[0, 0] == pytest.approx(0.6224593)
     assert rule(np.array([[2.0]]))[0, 0] == pytest.approx(0.2 + 0.6 * 0.6224593)
-    flat = ConfidenceRule("network", 0.0, 1.0, Calibration((0.5,), (0.5,)))
+    flat = ConfidenceRule(0.0, 1.0, Calibration((0.5,), (0.5,)))
     assert list(np.argsort(flat.ordering(np.array([3.0, -3.0, 1.0])))) == [1, 2, 0]
 
 
-def test_a_rule_survives_json_and_one_of_several_signals_is_refused() -> None:
+def test_a_rule_survives_json_and_a_wrong_one_is_named() -> None:
     rule = fit_confidence(*spreads(4, 200)[:2], frames=8)
     record = json.loads(json.dumps({**rule.to_dict(), "fitted_on": "more"}))
     assert ConfidenceRule.from_dict(record) == rule
-    joined = record | {"signals": ["network", "candidates", "neighbours"]}
-    with pytest.raises(ValueError, match="signals: Too many values"):
-        ConfidenceRule.from_dict(joined)
-    with pytest.raises(ValueError, match=r"confidence: scale\[0\]: must be a number, got nan"):
-        ConfidenceRule.from_dict(record | {"scale": [math.nan]})
+    with pytest.raises(ValueError, match=r"confidence: center: must be a number, got \[1.0, 2.0\]"):
+        ConfidenceRule.from_dict(record | {"center": [1.0, 2.0]})
+    with pytest.raises(ValueError, match="confidence: scale: must be a number, got nan"):
+        ConfidenceRule.from_dict(record | {"scale": math.nan})
 
 
 def test_what_a_network_says_of_its_answer() -> None:
     restored = torch.tensor([[[True, True, False]]])
-    output = SimpleNamespace(
-        confidence=torch.tensor([[[0.75, 1.0, 0.5]]]),
-        restored=restored,
-        spread=torch.tensor([[[0.019, 0.1, 0.0]]]),
-    )
-    odds, width = signal_of(output, "network")[0, 0], signal_of(output)[0, 0]
-    assert odds[0] == pytest.approx(np.log(3), rel=1e-5)
-    assert odds[1].isfinite(), "a probability of 1 has finite log odds"
+    output = SimpleNamespace(restored=restored, spread=torch.tensor([[[0.019, 0.1, 0.0]]]))
+    width = signal_of(output)[0, 0]
     assert width[0] == pytest.approx(-np.log(0.019 + FLOOR_M), rel=1e-5)
     assert width[1] < width[0]
-    assert odds[2] == width[2] == 0
+    assert width[2] == 0
 
 
 def test_answers_that_were_never_learned_are_not_restored() -> None:

@@ -255,7 +255,7 @@ def test_the_nearest_field_decides_and_says_which_it_was() -> None:
 
 
 def test_a_ground_survives_its_record() -> None:
-    rule = ConfidenceRule("candidates", 4.0, 0.5, Calibration((0.1, 0.9), (0.2, 0.8)))
+    rule = ConfidenceRule(4.0, 0.5, Calibration((0.1, 0.9), (0.2, 0.8)))
     known = ground(rule)
     text = json.dumps(known.to_dict())
     assert len(text) < 20_000

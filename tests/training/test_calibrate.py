@@ -59,7 +59,6 @@ def test_calibrating_says_what_it_was_fitted_on_and_makes_it_honest_there(model,
     assert record["fitted_on"]["of"] == "little frames"
     assert record["fitted_on"]["frames"] == len(frames)
     rule = ConfidenceRule.from_dict(record)
-    assert rule.signal == "candidates"
     pixels = restored_pixels(plus, frames, (near, far))
     found = measure_confidence(rule, pixels)
     assert found["mean_confidence"] == pytest.approx(found["share_right"], abs=0.05)
