@@ -188,8 +188,9 @@ def record_fields() -> Iterator[tuple[Call, str, str, tuple[Any, ...]]]:
     yield PLUS, name, "learned_range", ("x", [], {}, 7)
     yield PLUS, name, "learned_range.depth_m", (
         None, "x", [], {}, 7, [1], [2.0, 0.3], [NAN, 1], [INF, INF], [-2, -1], [0.3, HUGE])
-    for key in ("center", "scale", "calibration"):
-        yield PLUS, name, f"confidence.{key}", (None, "x", [], {}, 7, [NAN], [HUGE], "@DROP")
+    yield PLUS, name, "confidence.center", (None, "x", [], {}, True, NAN, HUGE, [7], "@DROP")
+    yield PLUS, name, "confidence.scale", (None, "x", [], {}, True, NAN, HUGE, -1, 0, [7], "@DROP")
+    yield PLUS, name, "confidence.calibration", (None, "x", [], {}, 7, [NAN], "@DROP")
 
 
 #: Numbers given on the command line: the call, the option, values that are wrong.
