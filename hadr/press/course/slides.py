@@ -1,8 +1,8 @@
 """Decks of slides, one a chapter: reveal.js through Sphinx, with every script and font beside them.
 
-A deck has one column per section of the chapter. Its first slide holds the idea, in few words;
-below it, under the same heading, stand the section's formulas and figures. Exercises have a slide
-each. What the chapter says at length goes into the speaker's notes.
+A deck has one column per section of the chapter. Its first slide holds the section's first
+paragraph and the bold words with which others begin; below it, under the same heading, stand its
+formulas and figures. Exercises have a slide each. All words are in the speaker's notes, too.
 
 The package sphinx-revealjs carries reveal.js, and sphinx-mathjax-offline carries MathJax, so a
 deck opens from a folder without a network.
@@ -25,7 +25,7 @@ from hadr.press.course.chapter import Chapter, Piece
 MOST_FIGURES = 3
 MOST_FORMULAS = 2
 _DISPLAY = re.compile(r"\$\$.+?\$\$", flags=re.DOTALL)
-_LEAD = re.compile(r"^\*\*[^*]+[.:?!]\*\* ")
+_LEAD = re.compile(r"\*\*[^*]+[.:?!]\*\*")
 _LEFT_OVERS = (".buildinfo", "objects.inv", "search.html", "searchindex.js", "genindex.html")
 _CONF = """\
 project = "Depth for glass in a hand"
@@ -51,7 +51,7 @@ revealjs_script_plugins = [
 ]
 """
 _STYLE = """\
-.reveal { font-size: 30px; }
+.reveal { font-size: 28px; }
 .reveal .slides section { text-align: left; }
 .reveal h1 { font-size: 2.1em; text-transform: none; margin-top: 22vh; }
 .reveal h2 { font-size: 1.5em; text-transform: none; }
@@ -133,11 +133,10 @@ def build_slides(
 
 @dataclass
 class Section:
-    """One section of a chapter by what a slide can show; a formula with its leading sentence."""
+    """One section of a chapter by what a slide can show; formulas and lists end a paragraph."""
 
     heading: str
     paragraphs: list[str] = field(default_factory=list)
-    formulas: list[tuple[str, str]] = field(default_factory=list)
     figures: list[Piece] = field(default_factory=list)
 
 
@@ -164,29 +163,11 @@ def _sort_block(found: list[Section], block: str) -> None:
         block = block[heading.end() :].strip()
     if not block or not found or block.startswith(("```", "|", ":::")):
         return
-    section = found[-1]
-    for formula in _DISPLAY.findall(block):
-        before = section.paragraphs[-1] if section.paragraphs else ""
-        ahead = block.split(formula)[0].strip() or before
-        section.formulas.append((sentences(ahead)[-1] if ahead else "", formula))
-    words = _DISPLAY.sub("", block).strip()
-    if words:
-        section.paragraphs.append(words)
-
-
-def sentences(text: str) -> list[str]:
-    """Cut a paragraph of Markdown into sentences; formulas, code and bold leads stay whole."""
-    kept: list[str] = []
-
-    def hide(found: re.Match[str]) -> str:
-        kept.append(found.group())
-        return f"\x00{len(kept) - 1}\x00"
-
-    flat = " ".join(text.split())
-    hidden = re.sub(r"\$[^$]+\$|`[^`]+`|\*\*[^*]+\*\*|\[[^\]]*\]\([^)]*\)|\([^()]*\)", hide, flat)
-    cut = re.split(r"(?<=[.!?:])\s+(?=[A-Z\x00*])", hidden)
-    whole = [re.sub(r"\x00(\d+)\x00", lambda found: kept[int(found[1])], part) for part in cut]
-    return [part.strip() for part in whole if part.strip()]
+    paragraphs = found[-1].paragraphs
+    if paragraphs and (block.startswith(("$$", "- ", "1. ")) or block[0].islower()):
+        paragraphs[-1] += f"\n\n{block}"
+    else:
+        paragraphs.append(block)
 
 
 def deck_text(chapter: Chapter, pictures: Mapping[str, str], plain: Callable[[str], str]) -> str:
@@ -216,39 +197,26 @@ def deck_text(chapter: Chapter, pictures: Mapping[str, str], plain: Callable[[st
 
 
 def _column(section: Section, pictures: Mapping[str, str]) -> list[str]:
-    """The idea of a section, then its formulas, then its figures."""
-    leads = [p for p in section.paragraphs if _LEAD.match(p)]
-    if len(leads) >= 2:
-        idea = [" ".join(sentences(lead)[:2]) for lead in leads]
-    else:
-        idea = sentences(section.paragraphs[0])[:2] if section.paragraphs else []
-        idea += [s for p in section.paragraphs for s in sentences(p) if "**" in s and s not in idea]
-    points = "\n".join(f"- {_capital(point.rstrip(':'))}" for point in idea[:4])
-    slides = [f"## {section.heading}\n\n{points}\n\n{_notes(*section.paragraphs)}"]
-    shown = section.formulas[:MOST_FORMULAS]
-    if shown:
-        rows = [f"{_capital(shown[0][0])}\n\n{shown[0][1]}"]
-        rows += [f"{lead}\n\n{formula}" for lead, formula in shown[1:]]
-        slides.append(f"### {section.heading}\n\n" + "\n\n".join(rows))
+    """The idea of a section, then its formulas, then its figures; what it lacks has no slide."""
+    bodies = []
+    if section.paragraphs:
+        idea, *rest = section.paragraphs
+        leads = "\n".join(f"- {lead[0]}" for lead in map(_LEAD.match, rest) if lead)
+        bodies.append(f"{idea}\n\n{leads}\n\n{_notes(*section.paragraphs)}")
+        formulas = [paragraph for paragraph in rest if "$$" in paragraph]
+        bodies += ["\n\n".join(formulas[:MOST_FORMULAS])] if formulas else []
     drawn = [piece for piece in section.figures if piece.source in pictures]
     for piece in drawn[:MOST_FIGURES]:
         words = str(piece.metadata["mystnb"]["image"]["alt"]).replace('"', "'")
         picture = f"```{{image}} {pictures[piece.source]}\n:alt: {words}\n```"
-        slides.append(f"### {section.heading}\n\n{picture}\n\n*{words}*")
-    return slides
-
-
-def _capital(sentence: str) -> str:
-    """Begin with a capital letter, also behind the marks of bold words."""
-    return re.sub(r"^(\**)([a-z])", lambda found: found[1] + found[2].upper(), sentence)
+        bodies.append(f"{picture}\n\n*{words}*")
+    return [f"{'###' if k else '##'} {section.heading}\n\n{body}" for k, body in enumerate(bodies)]
 
 
 def _summary(section: Section) -> str:
-    told = [p for p in section.paragraphs if not p.startswith(("**Read", "**Next", "- "))]
-    points = [sentence for paragraph in told for sentence in sentences(paragraph)][:5]
-    further = [p for p in section.paragraphs if p.startswith(("**Read", "**Next"))]
-    listed = "\n".join(f"- {point}" for point in points)
-    return f"## Summary\n\n{listed}\n\n{_notes(*further)}"
+    further = [p for p in section.paragraphs if p.startswith(("**Read", "**Next", "**In the"))]
+    told = [paragraph for paragraph in section.paragraphs if paragraph not in further]
+    return "\n\n".join(["## Summary", *told, _notes(*further)])
 
 
 def _notes(*paragraphs: str) -> str:
