@@ -25,7 +25,9 @@ _GOALS = re.compile(
 )
 _CITE = re.compile(r"\{cite(?::\w+)?\}`([^`]+)`")
 _DOC = re.compile(r"\{doc\}`(?:([^`<]+?)\s*<([^`>]+)>|([^`]+))`")
-_NUMBER = re.compile(r"\{numref\}`[^`]+`")
+_NUMBER = re.compile(r"(^|\. )?\{numref\}`[^`]+`", re.MULTILINE)
+_LABEL = re.compile(r"^\([\w-]+\)=\n", re.MULTILINE)
+_INNER = re.compile(r"\[([^\]]+)\]\(<?#([^>)]+)>?\)")
 _TABLE = re.compile(r"^:::\{table\} (.+)\n(?::name: .+\n)?\n(?s:(.+?))^:::$", re.MULTILINE)
 _PAGE = re.compile(r"\]\(\.\./([\w/-]+\.md)(#[\w-]+)?\)")
 _WORTH = {
@@ -273,6 +275,18 @@ def plain_markdown(text: str, citations: Mapping[str, str], pages: str) -> str:
             return f"[{words}]({pages}/{Path(target).name}.md)"
         return f"[{words}]({target}.ipynb)"
 
-    text = _TABLE.sub(r"*\1*\n\n\2", _NUMBER.sub("the table", text))
+    def numbered(found: re.Match[str]) -> str:
+        return "the table" if found.group(1) is None else f"{found.group(1)}The table"
+
+    def within(found: re.Match[str]) -> str:
+        """Rows of the ledger and the glossary's terms have pages; what has none loses its link."""
+        words, target = found.groups()
+        if target.startswith("ledger-"):
+            return f"[{words}]({pages}/ledger.md)"
+        known = not re.search(r"[-.]", target)
+        return f"[{words}]({pages}/glossary.md)" if known else str(words)
+
+    text = _INNER.sub(within, _LABEL.sub("", _NUMBER.sub(numbered, text)))
+    text = _TABLE.sub(r"*\1*\n\n\2", text)
     text = _DOC.sub(linked, _CITE.sub(cited, text))
     return _PAGE.sub(lambda found: f"]({pages}/{found.group(1)}{found.group(2) or ''})", text)

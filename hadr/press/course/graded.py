@@ -56,13 +56,14 @@ def check_cell(exercise: Exercise, *, hidden_test: bool) -> str:
     lines = _verdict(exercise)
     if hidden_test:
         lines += ["### BEGIN HIDDEN TESTS", "assert verdict, verdict", "### END HIDDEN TESTS"]
-    return "\n".join([*lines, "verdict"])
+    return "\n".join(["# Run this cell: it checks your answer.", *lines, "display(verdict)"])
 
 
 def _verdict(exercise: Exercise) -> list[str]:
-    """The check's lines; its variable `answer` is the exercise's own, so that none is mixed up."""
+    """The check's lines; its `answer` is the exercise's own, open where its cell did not end."""
     call = last_call(exercise.check, exercise.label)
-    lines = [f"answer = {variable_of(exercise.label)}", *exercise.check.splitlines()]
+    own = f'answer = globals().get("{variable_of(exercise.label)}", ...)'
+    lines = [own, *exercise.check.splitlines()]
     lines[call.lineno] = f"verdict = {lines[call.lineno]}"
     return lines
 

@@ -153,8 +153,9 @@ Written by `hadr course`; `course.json` says from which chapters, and holds each
   writes in place of the three dots and runs the cell below, which says right, wrong or open.
 - `solutions/`: the same notebooks with the solutions filled in.
 - `tests/NN_name/`: one test file per exercise for otter-grader.
-- `slides/`: one reveal.js deck per chapter. Open `slides/index.html`; no network is needed. `S`
-  opens the speaker's view with notes, `?print-pdf` behind the address makes a page to print.
+- `slides/`, unless `--no-slides` left them out: one reveal.js deck per chapter. Open
+  `slides/index.html`; no network is needed. `S` opens the speaker's view with notes, `?print-pdf`
+  behind the address makes a page to print.
 - `nbgrader_config.py`: the settings that nbgrader needs for these notebooks.
 
 ## Marks by machine
@@ -163,7 +164,7 @@ Written by `hadr course`; `course.json` says from which chapters, and holds each
 nbgrader course, copy `nbgrader_config.py` there and the notebooks of `solutions/` to
 `source/glass/`; `nbgrader generate_assignment glass` then makes the release from them, and
 `nbgrader autograde glass` gives the marks: a check that does not say "right" raises in a hidden
-test.
+test. Hand out the notebooks of that release, which nbgrader knows again, not those of `student/`.
 
 **otter-grader.** For one chapter,
 `otter generate -t tests/03_ray_voxels -o autograder.zip` makes the autograder, and
@@ -188,4 +189,5 @@ c.ExecutePreprocessor.timeout = 900
 def instructor_text(chapters: Sequence[Chapter], every: Sequence[Chapter]) -> str:
     """The page that lies beside the notebooks of some chapters; the plans are of every chapter."""
     told = chapters_text(chapters, lambda chapter: f"student/{chapter.name}.ipynb")
-    return f"{FOLDER}\n## Plans\n\n{plans_text(every)}\n\n## The chapters\n\n{told}\n"
+    some = "" if len(chapters) == len(every) else "They are of all chapters of the book.\n\n"
+    return f"{FOLDER}\n## Plans\n\n{some}{plans_text(every)}\n\n## The chapters\n\n{told}\n"

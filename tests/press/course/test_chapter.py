@@ -120,6 +120,17 @@ def test_roles_become_words_and_links():
     )
     assert told(table) == "*What it (Dollar, 2017) is.*\n\n| a |\n|---|\n| 1 |\n\n\nText."
     assert told("(compare {numref}`table-a`)") == "(compare the table)"
+    assert told("{numref}`table-a` is. {numref}`table-b`, too") == "The table is. The table, too"
+
+
+def test_links_within_the_book_lead_to_its_pages_or_are_words():
+    told = lambda text: plain_markdown(text, {}, "https://example.org/book")  # noqa: E731
+    assert told("[row 6](#ledger-6)") == "[row 6](https://example.org/book/ledger.md)"
+    assert told("a [sign test](<#sign test>)") == (
+        "a [sign test](https://example.org/book/glossary.md)"
+    )
+    assert told("[above](#worth-of-parts), [`hadr.a`](#hadr.a)") == "above, `hadr.a`"
+    assert told("(worth-of-parts)=\n## What") == "## What"
 
 
 def test_no_role_of_the_book_is_left(root):

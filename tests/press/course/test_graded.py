@@ -84,15 +84,23 @@ def test_an_answer_cell_that_does_not_wait_is_named(small_notebook):
 @pytest.mark.parametrize(("answer", "status"), [(6, "right"), (9, "wrong"), (..., "open")])
 def test_only_a_right_answer_passes_the_hidden_test(small, answer, status):
     (exercise,) = small.exercises
-    scope = {"answer_07_1": answer}
+    shown = []
+    scope = {"answer_07_1": answer, "display": shown.append}
     exec("from hadr.press.exercises import check", scope)
     exec(check_cell(exercise, hidden_test=False), scope)  # the student's cell never raises
-    assert scope["verdict"].status == status
+    assert [verdict.status for verdict in shown] == [status]
     if status == "right":
         exec(check_cell(exercise, hidden_test=True), scope)
     else:
         with pytest.raises(AssertionError):
             exec(check_cell(exercise, hidden_test=True), scope)
+
+
+def test_an_answer_cell_that_failed_leaves_the_answer_open(small):
+    scope = {"answer": 6, "display": lambda shown: None}  # of an exercise before
+    exec("from hadr.press.exercises import check", scope)
+    exec(check_cell(small.exercises[0], hidden_test=False), scope)
+    assert scope["verdict"].status == "open"
 
 
 def test_the_student_finds_no_solution(small):
