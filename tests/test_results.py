@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest, false_discovery_control
+from scipy.stats import binomtest, false_discovery_control, fisher_exact
 
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.experiments.conditions import IN_CONDITIONS, LONG, WITH_HAND
@@ -644,12 +644,13 @@ def test_readme_and_chapter_13_say_what_the_attempts_say() -> None:
     assert all(chances[3:] < 0.05)
     alone = false_discovery_control([paired(first[a], first[b])[2] for a, b in pairs])
     assert alone[5] > 0.05  # "the first 48 attempts alone could not tell"
-    for name, words in (
-        ("hadr", "meets ours for HADR, {} to {};"),
-        ("raw", "meets ours, {} to {}."),
+    for name, paper, words in (
+        ("hadr", 34, "with HADR than ours, 34 of 48 against {} of {} (p = {:.2f}, Fisher's"),
+        ("raw", 5, "the sensor's depth, 5 of 48 against {} of {} (p = {:.2f})"),
     ):
-        ends = (round(100 * end) for end in of[name]["interval"])
-        assert words.format(*ends) in chapter
+        won, made = of[name]["successes"], of[name]["attempts"]
+        chance = fisher_exact([[paper, 48 - paper], [won, made - won]]).pvalue
+        assert words.format(won, made, chance) in chapter
 
 
 def test_chapter_13_says_what_came_out_again() -> None:
@@ -675,6 +676,10 @@ def test_chapter_13_says_what_came_out_again() -> None:
     shares = [f"{100 * again[name]['rate']:.0f}" for name in names]
     words = f"succeed in {', '.join(shares[:-1])} and {shares[-1]} %"
     assert words in page_text("README.md")
+    assert paired(again["perfect"], plain)[2] < 0.02  # "perfect depth now takes more"
+    won = paper["successes"]
+    chance = fisher_exact([[34, 14], [won, 96 - won]]).pvalue
+    assert f"is HADR with {won} of 96 (p = {chance:.3f})" in chapter
 
 
 def test_chapter_13_says_what_the_robot_went_by() -> None:
