@@ -9,6 +9,7 @@ OUT/run_times.json               how long each step took
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -196,6 +197,12 @@ def open_bench(options: Options) -> Bench:
     from hadr.experiments.runner import Bench
     from hadr.training.processes import chosen_accelerator
 
+    for path in sorted((options.out / "tables").glob("*.json")):
+        found = re.search(r"\(preset (\w+)\)", path.read_text(encoding="utf-8"))
+        if found and found[1] != options.preset:
+            raise ValueError(
+                f"{path} is of preset {found[1]}, not {options.preset}: give each its own --out"
+            )
     roots: Sequence[Path] = options.data
     tiny = options.preset == "tiny"
     if options.dry_run and not options.again and not (tiny or all(root.is_dir() for root in roots)):

@@ -107,6 +107,15 @@ def test_wrong_words_are_told_in_one_line(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_keeps_to_one_preset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--only", "known/raw", "--out", tmp_path) == 0
+    table = tmp_path / "tables" / "known.json"
+    before = table.read_bytes()
+    assert run("--only", "known/raw", "--out", tmp_path, "--preset", "mini", "--dry-run") == 2
+    assert "known.json is of preset tiny, not mini: give each its own" in capsys.readouterr().err
+    assert table.read_bytes() == before
+
+
 def test_what_it_did_not_write_is_not_replaced(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
