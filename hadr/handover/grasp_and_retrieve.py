@@ -37,8 +37,7 @@ SMALLEST_STEP = 0.3
 """A step aside of less than this part of the first is not made."""
 
 THINNEST = 0.001
-"""Fingers that both press and are farther apart than they were told to, by so much, metres, hold
-something."""
+"""Fingers that both press and are farther apart than this, metres, hold something."""
 STILL, STILL_FOR = 0.0005, 0.2
 """Fingers that move by less than this, metres, for so long, seconds, stand."""
 
@@ -109,10 +108,10 @@ class Advance:
             self._draw_back(target, dt)
             return None
         here = forward_of(target, self.travelled)
-        soon = forward_of(target, min(self._end, self.travelled + c.safety.look_ahead))
+        soon = forward_of(target, min(self._end, self.travelled + safety.LOOK_AHEAD))
         later = [forward_of(target, s) for s in np.linspace(self.travelled, self._end, 4)]
         near = [arm.reading.tool, here, soon]
-        factor = arm.allowed(near, c.safety.grasp_distance, c.advance_speed)
+        factor = arm.allowed(near, safety.GRASP_DISTANCE, c.advance_speed)
         factor *= self._free_later(later, dt)
         if pose_distance(arm.reading.tool, here)[0] < FAR_FROM_GOAL:
             self.travelled = min(self._end, self.travelled + factor * c.advance_speed * dt)
@@ -139,7 +138,7 @@ class Advance:
 
     def _free_later(self, path: list[Array], dt: float) -> float:
         """1 where the rest of the way is free; else 0 for a while, as keypoints err for a while."""
-        free, least = self.arm.free(*path), self.arm.config.safety.grasp_distance
+        free, least = self.arm.free(*path), safety.GRASP_DISTANCE
         self._blocked = self._blocked + dt if free < least else 0.0
         if self._blocked > BLOCKED_TIME + 1e-9:
             raise HaltError(too_near(free, least), back=True)
@@ -197,10 +196,10 @@ class Advance:
     def _draw_back(self, target: Array, dt: float) -> None:
         arm, c = self.arm, self.arm.config
         assert self._back_to is not None
-        soon = forward_of(target, max(self._back_to, self.travelled - c.safety.look_ahead))
+        soon = forward_of(target, max(self._back_to, self.travelled - safety.LOOK_AHEAD))
         factor = 1.0
         if arm.nearer(soon):
-            factor = arm.allowed([soon], c.safety.grasp_distance, c.advance_speed)
+            factor = arm.allowed([soon], safety.GRASP_DISTANCE, c.advance_speed)
         self.travelled = max(self._back_to, self.travelled - factor * c.advance_speed * dt)
         here = forward_of(target, self.travelled)
         arm.go(here, 2 * c.advance_speed, dt, factor=factor)
@@ -223,7 +222,7 @@ class Advance:
         arm = self.arm
         if arm.watch.keypoints is None:
             return False
-        return arm.free(pose) >= arm.config.safety.grasp_distance and arm.robot.reachable(pose)
+        return arm.free(pose) >= safety.GRASP_DISTANCE and arm.robot.reachable(pose)
 
 
 @dataclass
@@ -236,12 +235,11 @@ class Retrieval:
     arm: GuardedArm
     part: str = field(default="", init=False)
 
-    def begin(self, now: float, pose: Array, width: float) -> None:
-        """Tell the fingers of a grasp's width, metres, to close at a tool pose (4, 4)."""
-        self._pose, self._told = pose, max(0.0, width - self.arm.config.squeeze)
-        self._travelled = 0.0
-        self.arm.closed_to = None
-        self.arm.robot.set_gripper(self._told, stages.GENTLE_FORCE)
+    def begin(self, now: float, pose: Array) -> None:
+        """Tell the fingers to close at a tool pose (4, 4), as far as the object lets them."""
+        self._pose, self._travelled = pose, 0.0
+        self.arm.alone = False
+        self.arm.robot.set_gripper(0.0, stages.GENTLE_FORCE)
         self._still = (now, self.arm.reading.width)
         self.enter("close", now)
 
@@ -277,8 +275,8 @@ class Retrieval:
             goal = forward_of(self._pose, -self._travelled)
             arm.go(goal, 2 * c.advance_speed, dt)
             if held < stages.ALONE_AFTER <= self._travelled:
-                arm.robot.set_gripper(self._told, stages.FIRM_FORCE)
-                arm.closed_to = self._told
+                arm.robot.set_gripper(0.0, stages.FIRM_FORCE)
+                arm.alone = True
             near = pose_distance(arm.reading.tool, goal)[0] < stages.ARRIVE_DISTANCE
             if self._travelled >= stages.RETREAT and near:
                 self.enter("carry", now)
@@ -310,11 +308,10 @@ class Retrieval:
         return True
 
     def _check_held(self, words: str) -> None:
-        width, margin = self.arm.reading.width, self.arm.config.safety.held_margin
-        if self.arm.around_something:  # a stem is thin
-            margin = min(margin, THINNEST)
-        if not safety.something_held(width, self._told, margin):
-            gap = f"{1000 * width:.0f} mm apart, told {1000 * self._told:.0f}"
+        width = self.arm.reading.width
+        # a stem is thin
+        if not width > (THINNEST if self.arm.around_something else safety.HELD_MARGIN):
+            gap = f"{1000 * width:.0f} mm apart, told 0"
             raise HaltError(f"{words}: object dropped or lost (fingers {gap})", back=True)
 
     def enter(self, part: str, now: float) -> None:

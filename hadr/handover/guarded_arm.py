@@ -62,8 +62,8 @@ class GuardedArm:
     """A robot with a reference that runs before it; poses (4, 4) in metres, base frame.
 
     `reading` is what it said at the start of this step, `home` where the tool was at the start;
-    `caution` says why it is slower than it could be. `closed_to` is how far the fingers were told
-    to close, metres, once the gripper alone holds the object; None before.
+    `caution` says why it is slower than it could be; `alone` is True once the gripper alone holds
+    the object.
     """
 
     robot: Robot
@@ -72,7 +72,7 @@ class GuardedArm:
     reading: Reading = field(init=False)
     home: Array = field(init=False)
     caution: str = field(default="", init=False)
-    closed_to: float | None = field(default=None, init=False)
+    alone: bool = field(default=False, init=False)
     _reference: Array | None = field(default=None, init=False)
     _holding: bool = field(default=False, init=False)
     _trail: list[Array] = field(default_factory=list, init=False)
@@ -111,12 +111,12 @@ class GuardedArm:
 
     def check_joints(self, now: float) -> None:
         """HaltError an arm that is nearly singular for too long, seconds, and gets more so."""
-        limits = self.config.safety
+        c = self.config
         value, before = ur5.singularity(self.reading.joints), self._singular
         self._singular = value
-        if value >= limits.smallest_singular_value:
+        if value >= c.smallest_singular_value:
             self._regular_at = now
-        elif value < before and now - self._regular_at > limits.longest_singular:
+        elif value < before and now - self._regular_at > c.longest_singular:
             raise HaltError(
                 f"the arm is singular: smallest singular value {value:.4f} and falling", back=True
             )
@@ -142,9 +142,9 @@ class GuardedArm:
         if velocity is not None:
             soon = watch.keypoints + SOON * velocity
             closing = max(0.0, free - self.free(*near, hand=soon)) / SOON
-        c = self.config.safety
-        factor = min(1.0, safety.allowed_speed(free, closing, watch.age, least, c) / speed)
-        crawl = min(CRAWL_SPEED - closing, safety.stopping_speed(free - least, 0.0, c))
+        off = self.config.human_uncertainty
+        factor = min(1.0, safety.allowed_speed(free, closing, watch.age, least, off) / speed)
+        crawl = min(CRAWL_SPEED - closing, safety.stopping_speed(free - least, 0.0))
         factor = max(factor, min(1.0, crawl / speed))
         if factor < 1:
             self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
@@ -162,7 +162,7 @@ class GuardedArm:
             here, there = (self.free(*poses, hand=watch.last) for poses in ((), path))
             if here > NO_NEARER and not trouble:
                 return self.allowed(path, 0.0, speed)
-            if here <= NO_NEARER or there < self.config.safety.approach_distance:
+            if here <= NO_NEARER or there < safety.APPROACH_DISTANCE:
                 where = f"{1000 * there:.0f} mm from the gripper's path"
                 seen = f"hand {where}, and the way leads nearer"
                 raise HaltError(
@@ -200,8 +200,7 @@ class GuardedArm:
 
         A width that is no number counts as apart: what cannot be known to be lost is not dropped.
         """
-        told, width, margin = self.closed_to, self.reading.width, self.config.safety.held_margin
-        apart = told is not None and (np.isnan(width) or safety.something_held(width, told, margin))
+        apart = self.alone and not self.reading.width <= safety.HELD_MARGIN
         return apart or self.reading.press > safety.PRESSED
 
     def free(self, *path: Array, width: float | None = None, hand: Array | None = None) -> float:
@@ -224,8 +223,8 @@ class GuardedArm:
         return hand_gaps(np.array(path or [tool]), width, hand, links)
 
     def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:
-        """Poses from the tool on toward a goal, within so many metres; `look_ahead` if left out."""
-        look = self.config.safety.look_ahead if within is None else within
+        """Poses from the tool on toward a goal, within so many metres; `LOOK_AHEAD` if left out."""
+        look = safety.LOOK_AHEAD if within is None else within
         way, angle = pose_distance(self.reading.tool, goal)
         part = min(1.0, look / max(way, 0.1 * angle, 1e-9))  # a turn moves the fingers too
         return [between(self.reading.tool, goal, part * step) for step in (0.0, 0.5, 1.0)]

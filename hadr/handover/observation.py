@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Array, transform_points
-from hadr.handover.safety import SafetyConfig, hand_problem, line_velocity
+from hadr.handover import safety
 
 FEWEST_POINTS = 30
 """An object of fewer points is none."""
@@ -108,7 +108,6 @@ class HandWatch:
     """
 
     base_from_camera: Array
-    config: SafetyConfig
     keypoints: Array | None = field(default=None, init=False)
     last: Array | None = field(default=None, init=False)
     frame_time: float = field(default=float("nan"), init=False)
@@ -122,18 +121,18 @@ class HandWatch:
     def look(self, observation: Observation, now: float) -> bool:
         """Take in an observation at a time in seconds; say whether it shows a new picture.
 
-        One from the future, older than `oldest_picture` or than the one before is none.
+        One from the future, older than `OLDEST_PICTURE` or than the one before is none.
         """
         self._looked = now
         if np.isnan(self._started):
             self._started = now
         taken = observation.taken
-        fresh = now - self.config.oldest_picture <= taken <= now + 1e-6
+        fresh = now - safety.OLDEST_PICTURE <= taken <= now + 1e-6
         if not fresh or taken <= self.frame_time:
             return False
         self.frame_time, self._frame_came = taken, now
         self.keypoints, hand = None, observation.keypoints
-        self.problem = "no hand in the picture" if hand is None else hand_problem(hand)
+        self.problem = "no hand in the picture" if hand is None else safety.hand_problem(hand)
         if self.problem:
             self._equal = 1
             return True
@@ -176,20 +175,20 @@ class HandWatch:
         if newest - recent[0][0] < window / 2:
             return None
         times = np.array([p[0] for p in recent])
-        return line_velocity(times, np.stack([p[1] for p in recent]))
+        return safety.line_velocity(times, np.stack([p[1] for p in recent]))
 
     def blind(self, now: float) -> str:
         """Say that at a time in seconds nothing comes from the camera, or always the same."""
         silent = now - (self._started if np.isnan(self._frame_came) else self._frame_came)
-        if silent >= self.config.camera_silent_after - 1e-9:
+        if silent >= safety.CAMERA_SILENT_AFTER - 1e-9:
             return f"the camera stopped: no new picture for {silent:.2f} s"
-        if self._equal >= self.config.frozen_frames:
+        if self._equal >= safety.FROZEN_FRAMES:
             return f"keypoints frozen: the same in {self._equal} pictures in a row"
         return ""
 
     def trouble(self, now: float) -> str:
         """Why the robot may not move on what is seen at a time in seconds, or an empty string."""
         lost = now - (self._started if np.isnan(self._hand_came) else self._hand_came)
-        unseen = lost >= self.config.hand_lost_after - 1e-9
+        unseen = lost >= safety.HAND_LOST_AFTER - 1e-9
         words = f"no hand seen for {lost:.2f} s: {self.problem}" if unseen else ""
         return self.blind(now) or words

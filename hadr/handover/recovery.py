@@ -54,7 +54,7 @@ class Recovery:
         free = arm.free()
         self.trouble = watch.trouble(now) or watch.problem
         holds = arm.around_something  # then the hand may be as near as it was when it gave
-        if not (self.trouble or holds) and free < arm.config.safety.approach_distance:
+        if not (self.trouble or holds) and free < safety.APPROACH_DISTANCE:
             self.trouble = f"hand {1000 * free:.0f} mm from the gripper"
         if not self._pulled():
             self._left_alone_at = now
@@ -65,7 +65,7 @@ class Recovery:
             leaves = self._back > 0 and (pulled or not holds)
             if leaves:
                 arm.release()
-                arm.closed_to = None
+                arm.alone = False
                 if not holds and self._opening and arm.free(width=self._opening) < min(free, 0.0):
                     self._opening = None  # they would open into the hand, and hold nothing
                 if self._opening is not None:
@@ -103,7 +103,7 @@ class Recovery:
         """
         reading, hand = self.arm.reading, self.arm.watch.keypoints
         if hand is None:
-            taken = self.arm.closed_to is None
+            taken = not self.arm.alone
         else:
             taken = hand_distance(reading.tool, reading.width, hand) <= safety.AT_THE_GLASS
         return taken and safety.hand_pull(reading.wrench[:3]) > safety.HAND_PULL
@@ -116,7 +116,7 @@ class Recovery:
     def _yield(self, now: float, free: float) -> None:
         """Back off farther from a hand that has been too near for long enough."""
         arm = self.arm
-        if free >= arm.config.safety.approach_distance or arm.watch.trouble(now):
+        if free >= safety.APPROACH_DISTANCE or arm.watch.trouble(now):
             self._apart_at = now
             return
         if now - self._apart_at < 2 * STAND_TIME or self._yields >= MOST_YIELDS:

@@ -16,7 +16,6 @@ of speed and separation monitoring in ISO/TS 15066:2016, 5.5.4.2.3, with the sta
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -44,66 +43,35 @@ THINNEST_HAND = 0.002
 those of the experiment's 48 holds lie 22 mm and more off it."""
 HUMAN_SPEED = 1.6
 """Of a person whose speed is not known, m/s: ISO/TS 15066, 5.5.4.2.3."""
-
-
-@dataclass(frozen=True)
-class SafetyConfig:
-    """Thresholds; metres, seconds, metres per second.
-
-    Attributes:
-        camera_silent_after: Without a new picture for this long, stop.
-        oldest_picture: An older picture counts as none.
-        hand_lost_after: Without a usable hand for this long, stop.
-        frozen_frames: Bitwise equal keypoints in this many pictures in a row: the camera hangs. A
-            hand is never that still.
-        largest_residual: A hand that differs from a rigid motion by more (root mean square) is
-            holding differently.
-        approach_distance: Least free space to the skin on the way to the pre-grasp.
-        grasp_distance: Least free space in the final move. The fingers go around what the hand
-            holds, so it is smaller.
-        reaction_time: From a picture's arrival to the begin of braking: two steps of the workflow
-            and the arm's own controller. The picture's age comes on top, see `separation`.
-        deceleration: How hard the tool surely brakes, metres per second squared.
-        human_uncertainty: Of the keypoints: twice the standard deviation of 4 mm.
-        robot_uncertainty: Of the tool's place and of the camera's calibration.
-        look_ahead: How much of the path before the gripper is checked.
-        withdraw_speed: A hand that moves away faster is being withdrawn ...
-        withdraw_distance: ... and one that went farther than this, since the grasp was chosen.
-        smallest_confidence: Restored depth of a lower mean confidence is not grasped at.
-        object_near: The object's points are in the hand if one is this near to its bones.
-        held_margin: Something is held if the fingers stay this much wider than commanded.
-        smallest_singular_value: Of the arm's Jacobian (metres and radians); below, and on the way
-            down, the arm is singular.
-        longest_singular: So long, seconds, it may be: an arm that only passes is not stopped.
-    """
-
-    camera_silent_after: float = 0.3
-    oldest_picture: float = 0.4
-    hand_lost_after: float = 0.3
-    frozen_frames: int = 5
-    largest_residual: float = 0.02
-    approach_distance: float = 0.015
-    grasp_distance: float = 0.005
-    reaction_time: float = 0.10
-    deceleration: float = 0.8
-    human_uncertainty: float = 0.008
-    robot_uncertainty: float = 0.002
-    look_ahead: float = 0.05
-    withdraw_speed: float = 0.20
-    withdraw_distance: float = 0.15
-    smallest_confidence: float = 0.3
-    object_near: float = 0.05
-    held_margin: float = 0.003
-    smallest_singular_value: float = 0.005
-    longest_singular: float = 0.0
-
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not value >= 0:
-                raise ValueError(f"{item.name} must be 0 or more, got {value}")
-        if self.deceleration == 0:
-            raise ValueError("deceleration must be more than 0")
+CAMERA_SILENT_AFTER, HAND_LOST_AFTER = 0.3, 0.3
+"""Without a new picture, or a usable hand, for this long the robot stops, seconds."""
+OLDEST_PICTURE = 0.4
+"""A picture older than this, seconds, counts as none."""
+FROZEN_FRAMES = 5
+"""Bitwise equal keypoints in this many pictures in a row: the camera hangs. No hand is so still."""
+LARGEST_RESIDUAL = 0.02
+"""A hand that differs from a rigid motion by more, metres (root mean square), holds differently."""
+APPROACH_DISTANCE, GRASP_DISTANCE = 0.015, 0.005
+"""Least free space to the skin, metres, on the way to the pre-grasp and in the final move, where
+the fingers go around what the hand holds."""
+REACTION_TIME = 0.10
+"""From a picture's arrival to the begin of braking, seconds: two steps of the workflow and the
+arm's own controller. The picture's age comes on top, see `separation`."""
+DECELERATION = 0.8
+"""How hard the tool surely brakes, m/s2."""
+ROBOT_UNCERTAINTY = 0.002
+"""Of the tool's place and of the camera's calibration, metres."""
+LOOK_AHEAD = 0.05
+"""How much of the path before the gripper is checked, metres."""
+WITHDRAW_SPEED, WITHDRAW_DISTANCE = 0.20, 0.15
+"""A hand that moves away faster, m/s, or went farther since the grasp was chosen, metres, is being
+withdrawn."""
+SMALLEST_CONFIDENCE = 0.3
+"""Restored depth of a lower mean confidence is not grasped at."""
+OBJECT_NEAR = 0.05
+"""The object's points are in the hand if one is this near to its bones, metres."""
+HELD_MARGIN = 0.003
+"""Closed fingers that stay farther apart than this, metres, hold something."""
 
 
 def hand_problem(keypoints: npt.ArrayLike) -> str:
@@ -157,70 +125,66 @@ class Separation(NamedTuple):
 
 
 def separation(
-    speed: float, closing: float, age: float, least: float, c: SafetyConfig
+    speed: float, closing: float, age: float, least: float, human_uncertainty: float
 ) -> Separation:
     """The distance that a robot must keep from a hand.
 
     Of the tool's speed and the hand's own toward it, m/s, the age of the picture that it was seen
-    in, seconds, and the least free space, metres.
+    in, seconds, the least free space and the uncertainty of the hand's place, metres.
     """
-    unseen = age + c.reaction_time + speed / c.deceleration
     return Separation(
-        human=closing * unseen,
-        robot=speed * c.reaction_time,
-        stopping=speed**2 / (2 * c.deceleration),
+        human=closing * (age + REACTION_TIME + speed / DECELERATION),
+        robot=speed * REACTION_TIME,
+        stopping=speed**2 / (2 * DECELERATION),
         intrusion=least,
-        human_uncertainty=c.human_uncertainty,
-        robot_uncertainty=c.robot_uncertainty,
+        human_uncertainty=human_uncertainty,
+        robot_uncertainty=ROBOT_UNCERTAINTY,
     )
 
 
-def allowed_speed(free: float, closing: float, age: float, least: float, c: SafetyConfig) -> float:
+def allowed_speed(
+    free: float, closing: float, age: float, least: float, human_uncertainty: float
+) -> float:
     """The largest speed, m/s, whose `separation` is kept; 0 where none is.
 
-    The free space, metres, is the least one over the next `look_ahead` of the path. The robot's own
+    The free space, metres, is the least one over the next `LOOK_AHEAD` of the path. The robot's own
     way there, S_r + S_s, is thereby measured; only what it needs beyond that is subtracted.
     """
-    room = free - separation(0.0, closing, age, least, c).distance
+    room = free - separation(0.0, closing, age, least, human_uncertainty).distance
     if not room > 0:
         return 0.0
-    by_hand = c.deceleration * room / closing if closing > 0 else np.inf
-    return float(min(by_hand, stopping_speed(room + c.look_ahead, closing, c)))
+    by_hand = DECELERATION * room / closing if closing > 0 else np.inf
+    return float(min(by_hand, stopping_speed(room + LOOK_AHEAD, closing)))
 
 
-def stopping_speed(way: float, closing: float, c: SafetyConfig) -> float:
+def stopping_speed(way: float, closing: float) -> float:
     """The speed, m/s, at which S_r + S_s, and what the hand goes while it brakes, is a way, m."""
-    slope = c.reaction_time + closing / c.deceleration  # way = slope v + v^2 / 2a
-    root = np.sqrt(slope**2 + 2 * max(0.0, way) / c.deceleration)
-    return c.deceleration * float(root - slope)
+    slope = REACTION_TIME + closing / DECELERATION  # way = slope v + v^2 / 2a
+    root = np.sqrt(slope**2 + 2 * max(0.0, way) / DECELERATION)
+    return DECELERATION * float(root - slope)
 
 
-def withdrawal(since_chosen: Array, velocity: Array | None, away: Array, c: SafetyConfig) -> str:
+def withdrawal(since_chosen: Array, velocity: Array | None, away: Array) -> str:
     """Say that the human withdraws, or nothing; metres, m/s, `away` a unit vector, each (3,)."""
     distance = float(since_chosen @ away)
-    if distance > c.withdraw_distance:
+    if distance > WITHDRAW_DISTANCE:
         return f"the human withdraws: the hand is {100 * distance:.0f} cm farther away"
     speed = 0.0 if velocity is None else float(velocity @ away)
-    if speed > c.withdraw_speed:
+    if speed > WITHDRAW_SPEED:
         return f"the human withdraws: the hand moves away at {speed:.2f} m/s"
     return ""
 
 
-def low_confidence(confidence: float | None, least: float) -> str:
+def low_confidence(confidence: float | None) -> str:
     """Say that restored depth is not to be trusted, or nothing; None counts as trusted."""
-    if confidence is None or (np.isfinite(confidence) and confidence >= least):
+    if confidence is None or (np.isfinite(confidence) and confidence >= SMALLEST_CONFIDENCE):
         return ""
-    return f"restored depth of confidence {confidence:.2f}, needed {least:.2f}"
+    return f"restored depth of confidence {confidence:.2f}, needed {SMALLEST_CONFIDENCE:.2f}"
 
 
-def object_in_hand(points: Array, keypoints: Array, near: float) -> bool:
+def object_in_hand(points: Array, keypoints: Array) -> bool:
     """Say whether any object point (n, 3) is near enough to the bones of a hand (21, 3), metres."""
-    return bool(cKDTree(hand_points(keypoints)).query(points)[0].min() <= near)
-
-
-def something_held(width: float, commanded: float, margin: float) -> bool:
-    """Say whether the fingers were kept from closing as far as commanded; all in metres."""
-    return bool(width > commanded + margin)
+    return bool(cKDTree(hand_points(keypoints)).query(points)[0].min() <= OBJECT_NEAR)
 
 
 def hand_pull(force: Array) -> float:

@@ -7,7 +7,7 @@ constant. Unless another source is named the values are our choice, tried in reh
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from enum import Enum
 from numbers import Integral, Real
 from typing import NamedTuple, get_args
@@ -16,9 +16,7 @@ import numpy as np
 
 from hadr.camera import Array
 from hadr.handover.grasping.grasps import FinalMove, Way, final_travel
-from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.robot import Robot
-from hadr.handover.safety import SafetyConfig
 from hadr.handover.tracking import About
 
 CALM_SPEED, CALM_WINDOW = 0.05, 0.3
@@ -150,12 +148,14 @@ class HandoverConfig:
         turn_speed: Fastest turn of the tool, radians per second.
         advance_speed: Speed of the final move and of the way back.
         back_speed: Speed of backing off from the hand after a stop.
-        squeeze: How much closer than they were opened the fingers are told to close: as far as the
-            object lets them, where it is the whole opening.
         approach_timeout: Longest second stage.
         tries: After so many stops, go home.
         patience: Go home where the object is not in the gripper so long after a hand was seen.
-        safety: Thresholds of the safety checks.
+        human_uncertainty: Of the keypoints, for the distance to the hand: twice the standard
+            deviation of 4 mm.
+        smallest_singular_value: Of the arm's Jacobian (metres and radians); below, and on the way
+            down, the arm is singular.
+        longest_singular: So long, seconds, it may be: an arm that only passes is not stopped.
     """
 
     back: float = 0.10
@@ -174,11 +174,12 @@ class HandoverConfig:
     turn_speed: float = 1.0
     advance_speed: float = 0.10
     back_speed: float = 0.10
-    squeeze: float = LARGEST_OPENING
     approach_timeout: float = 13.0
     tries: int = 3
     patience: float = 20.0
-    safety: SafetyConfig = field(default_factory=SafetyConfig)
+    human_uncertainty: float = 0.008
+    smallest_singular_value: float = 0.005
+    longest_singular: float = 0.0
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -66,7 +66,7 @@ class Handover:
 
     def __post_init__(self) -> None:
         check_pose(self.base_from_camera, "base_from_camera")
-        self.watch = HandWatch(self.base_from_camera, self.config.safety)
+        self.watch = HandWatch(self.base_from_camera)
         self.arm = GuardedArm(self.robot, self.config, self.watch)
         self.choosing = Choosing(self.choose_grasp, self.watch, self.config)
         self.recovery, self.retrieval = Recovery(self.arm), Retrieval(self.arm)
@@ -174,7 +174,7 @@ class Handover:
             return
         way = self.arm.ahead(forward_of(chosen.pose, -c.back), within=np.inf)
         free = self.arm.free(*way, width=chosen.width)
-        if free < c.safety.approach_distance:
+        if free < safety.APPROACH_DISTANCE:
             choosing.refuse(f"the hand is {1000 * free:.0f} mm from the way to the grasp")
             self.caution = choosing.caution
             return
@@ -190,7 +190,7 @@ class Handover:
         self._away = way / max(float(np.linalg.norm(way)), 1e-9)
         self._arrived: tuple[float, Array] | None = None
         self._there_since: float | None = None
-        self.arm.closed_to = None
+        self.arm.alone = False
         self.robot.set_gripper(chosen.width, stages.GENTLE_FORCE)
 
     # Approach & React
@@ -203,7 +203,7 @@ class Handover:
             return
         assert self.target is not None  # set before this stage is entered
         assert self.grasp is not None
-        path, least = self.arm.ahead(self.target), c.safety.approach_distance
+        path, least = self.arm.ahead(self.target), safety.APPROACH_DISTANCE
         factor = self.arm.allowed(path, least, c.approach_speed)
         self.arm.go(self.target, c.approach_speed, dt, factor=factor)
         distance, angle = pose_distance(self.arm.reading.tool, self.target)
@@ -240,14 +240,14 @@ class Handover:
             return False
         assert self.grasp is not None  # set before these stages are entered
         moved = watch.middle - self._chosen_hand.mean(axis=0)
-        leaving = safety.withdrawal(moved, watch.velocity(0.15), self._away, c.safety)
+        leaving = safety.withdrawal(moved, watch.velocity(0.15), self._away)
         if leaving:
             raise HaltError(leaving, back=True)
         follows = c.tracking and (c.final_tracking or self.stage is Stage.APPROACH_AND_REACT)
         if not (new and follows):
             return True
         self.motion = hand_motion(self._chosen_hand, watch.keypoints, about=c.about)
-        if self.motion.residual > c.safety.largest_residual:
+        if self.motion.residual > safety.LARGEST_RESIDUAL:
             off = f"keypoints {1000 * self.motion.residual:.0f} mm from a rigid motion"
             if self.stage is Stage.GRASP_AND_RETRIEVE:
                 raise HaltError(f"the holding pose changed: {off}", back=True)
@@ -279,7 +279,7 @@ class Handover:
         self.caution = "; ".join(filter(None, (self.advance.words, self.arm.caution)))
         if pose is not None:
             self.target = pose
-            self.retrieval.begin(now, pose, self.grasp.width)
+            self.retrieval.begin(now, pose)
 
     # Stopped and home
 

@@ -318,10 +318,10 @@ def test_a_hand_in_front_lets_it_draw_back() -> None:
 
 
 def test_a_thin_stem_that_both_fingers_press_is_held() -> None:
-    robot, advance, start = advancing(replace(PLAIN, squeeze=0.085))
+    robot, advance, start = advancing(PLAIN)
     robot.between_fingers = 0.002
     retrieval, now = Retrieval(advance.arm), 0.0
-    retrieval.begin(now, start, 0.03)
+    retrieval.begin(now, start)
     while retrieval.part == "close":
         advance.arm.read()
         retrieval.step(now, DT)

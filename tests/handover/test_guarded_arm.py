@@ -9,18 +9,18 @@ from hadr.handover import ur5
 from hadr.handover.grasping.collision import links_gaps, person
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.observation import HandWatch
-from hadr.handover.safety import SafetyConfig, allowed_speed
+from hadr.handover.safety import allowed_speed
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import HandoverConfig
 
-C = SafetyConfig()
+OFF = HandoverConfig().human_uncertainty
 
 
 def beside(
     hand: np.ndarray, velocity: np.ndarray | None, monkeypatch: pytest.MonkeyPatch, age: float
 ) -> GuardedArm:
     """An arm at home whose watch has seen a hand that goes at a velocity."""
-    watch = HandWatch(np.eye(4), C)
+    watch = HandWatch(np.eye(4))
     watch.keypoints = hand
     monkeypatch.setattr(HandWatch, "velocity", lambda *_: velocity)
     monkeypatch.setattr(HandWatch, "age", age)
@@ -35,7 +35,7 @@ def test_the_reference_moves_at_its_speed_and_does_not_run_ahead() -> None:
         protective_stop="", servo_to=lambda pose, dt: told.append(pose.copy()),
         release=lambda: None, finger_force=lambda: 0.0, tool_wrench=lambda: np.zeros(6),
     )  # fmt: skip
-    arm = GuardedArm(robot, HandoverConfig(), HandWatch(np.eye(4), SafetyConfig()))
+    arm = GuardedArm(robot, HandoverConfig(), HandWatch(np.eye(4)))
     for _ in range(4):
         arm.go(goal, 1.0, 0.02)
     np.testing.assert_allclose([pose[0, 3] for pose in told], [0.02, 0.04, 0.05, 0.05])
@@ -84,11 +84,11 @@ def test_the_speed_of_a_hand_counts_toward_the_part_that_is_nearest(
     arm = beside(hand, velocity, monkeypatch, 0.1)
     forearm, free = ur5.link_surfaces(arm.reading.joints)[4:5], arm.free(arm.reading.tool)
     assert free == pytest.approx(float(links_gaps(forearm, person(hand)).min()))
-    wanted = allowed_speed(free, closing, 0.1, 0.015, C)
+    wanted = allowed_speed(free, closing, 0.1, 0.015, OFF)
     assert arm.allowed([arm.reading.tool], 0.015, 1.0) == pytest.approx(wanted, rel=0.05)
 
 
 def test_a_hand_of_unknown_speed_counts_as_one_that_walks(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = beside(np.zeros((21, 3)), None, monkeypatch, 0.1)
     monkeypatch.setattr(GuardedArm, "free", lambda *_, **__: 0.6)
-    assert arm.allowed([], 0.015, 1.0) == pytest.approx(allowed_speed(0.6, 1.6, 0.1, 0.015, C))
+    assert arm.allowed([], 0.015, 1.0) == pytest.approx(allowed_speed(0.6, 1.6, 0.1, 0.015, OFF))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from hadr.handover.observation import HandWatch, Observation, cleaned
-from hadr.handover.safety import SafetyConfig
 from hadr.simulation.trials.rehearsal import rehearsed_scene
 
 SCENE = rehearsed_scene()
@@ -31,7 +30,7 @@ def test_points_and_numbers_are_cleaned() -> None:
 
 
 def test_watch_sees_lost_silent_and_frozen() -> None:
-    watch = HandWatch(np.eye(4), SafetyConfig())
+    watch = HandWatch(np.eye(4))
     assert watch.look(Observation(0.0, noisy(0)), 0.0)
     assert not watch.look(Observation(0.02, noisy(1), frame_time=0.0), 0.02)  # the same picture
     assert not watch.look(Observation(0.04, noisy(1), frame_time=9.0), 0.04)  # the future
@@ -54,7 +53,7 @@ def test_watch_sees_lost_silent_and_frozen() -> None:
 
 @pytest.mark.parametrize("none", [None, np.full((21, 3), np.nan), np.ones((20, 3))])
 def test_a_picture_without_a_hand_is_no_frozen_one(none: np.ndarray | None) -> None:
-    watch = HandWatch(np.eye(4), SafetyConfig())
+    watch = HandWatch(np.eye(4))
     for k in range(6):
         watch.look(Observation(0.1 * k, noisy(0)), 0.1 * k)
     assert watch.blind(0.5).startswith("keypoints frozen")
@@ -67,7 +66,7 @@ def test_a_picture_without_a_hand_is_no_frozen_one(none: np.ndarray | None) -> N
 
 def test_watch_gives_the_hand_in_the_base_frame_and_its_speed() -> None:
     base_from_camera = np.array([[0, -1, 0, 1.0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-    watch = HandWatch(base_from_camera, SafetyConfig())
+    watch = HandWatch(base_from_camera)
     at_origin = SCENE.keypoints - SCENE.keypoints[0]
     for k in range(8):
         watch.look(Observation(0.1 * k, at_origin + np.array([0.02 * k, 0, 0])), 0.1 * k)
@@ -79,7 +78,7 @@ def test_watch_gives_the_hand_in_the_base_frame_and_its_speed() -> None:
 
 
 def test_five_pictures_a_second_give_a_speed_and_an_age_too() -> None:
-    watch = HandWatch(np.eye(4), SafetyConfig())
+    watch = HandWatch(np.eye(4))
     for k in range(2):
         assert watch.velocity(0.15) is None
         watch.look(Observation(0.2 * k, noisy(0) + np.array([0.0, 0.0, 0.03 * k])), 0.2 * k)
@@ -90,7 +89,7 @@ def test_five_pictures_a_second_give_a_speed_and_an_age_too() -> None:
 
 @pytest.mark.parametrize("jump", [0.12, 0.3, 0.5])
 def test_a_hand_that_jumps_is_doubted_until_it_could_be_there(jump: float) -> None:
-    watch = HandWatch(np.eye(4), SafetyConfig())
+    watch = HandWatch(np.eye(4))
     doubted = 0
     for k in range(12):
         away = jump * (k > 3) * np.array([0.6, 0.8, 0.0])

@@ -10,7 +10,6 @@ from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation
 from hadr.handover.recovery import Recovery
 from hadr.handover.robot import UNLOCK_AFTER
-from hadr.handover.safety import SafetyConfig
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import ARRIVE_DISTANCE, BACK_OFF, ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.workflow import Handover
@@ -50,7 +49,7 @@ class Watched:
     """An arm beside a hand in pictures ten times a second, never twice the same."""
 
     def __init__(self, robot: SimulatedUR5, hand: np.ndarray = FAR_HAND) -> None:
-        self.arm = GuardedArm(robot, CONFIG, HandWatch(np.eye(4), SafetyConfig()))
+        self.arm = GuardedArm(robot, CONFIG, HandWatch(np.eye(4)))
         self.hand, self.steps = hand, 0
 
     def put(self, free: float, direction: np.ndarray) -> None:
@@ -58,7 +57,7 @@ class Watched:
 
         In front its forearm points away; behind the wrist a child's hand reaches down from above.
         """
-        beside = GuardedArm(self.arm.robot, CONFIG, HandWatch(np.eye(4), SafetyConfig()))
+        beside = GuardedArm(self.arm.robot, CONFIG, HandWatch(np.eye(4)))
         hand = FAR_HAND - FAR_HAND.mean(axis=0)  # its forearm points along +x
         if direction[0] > 0:
             hand, high = hand + beside.reading.tool[:3, 3], 0.5
@@ -138,7 +137,7 @@ class HoldingUR5(SimulatedUR5):
 def holding(watched: Watched, *, seconds: float) -> float:
     """The fingers' width so long after a stop while the gripper alone holds, metres."""
     robot = watched.arm.robot
-    watched.arm.closed_to = 0.0
+    watched.arm.alone = True
     recovery = Recovery(watched.arm)
     recovery.begin(watched.look(), back=BACK_OFF, opening=0.085, straight=False)
     for _ in range(round(seconds / DT)):

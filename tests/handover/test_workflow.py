@@ -17,7 +17,6 @@ from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.observation import Observation
 from hadr.handover.poses import pose_distance
-from hadr.handover.safety import SafetyConfig
 from hadr.handover.simulated_ur5 import TABLE, SimulatedUR5, in_workspace
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.tracking import hand_motion
@@ -215,7 +214,8 @@ def test_another_holding_pose_is_observed_again() -> None:
 
 def test_hand_beside_the_path_stops_it_and_it_backs_off(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hadr.handover.stages.BACK_OFF", 0.05)
-    handover = fixed_handover(HandoverConfig(safety=SafetyConfig(grasp_distance=0.06)))
+    monkeypatch.setattr("hadr.handover.safety.GRASP_DISTANCE", 0.06)
+    handover = fixed_handover()
     moments = run(handover, longest=7.0)
     reason = first_stop(handover)[1]
     assert "mm from the gripper's path, at least 60 mm are needed" in reason
@@ -228,7 +228,7 @@ def test_hand_beside_the_path_stops_it_and_it_backs_off(monkeypatch: pytest.Monk
 
 
 def test_it_slows_down_beside_the_hand_and_says_so() -> None:
-    handover = fixed_handover(HandoverConfig(safety=SafetyConfig(human_uncertainty=0.06)))
+    handover = fixed_handover(HandoverConfig(human_uncertainty=0.06))
     said = []
     run(handover, spoil=lambda seen: (said.append(handover.caution), seen)[1])
     slow = [words for words in said if words.endswith("% of the speed")]

@@ -287,17 +287,17 @@ class Choosing:
 
     def obstacle(self, observation: Observation, now: float) -> str:
         """Why no grasp may be chosen from this observation now, or an empty string."""
-        limits, watch = self.config.safety, self.watch
+        watch = self.watch
         trouble = watch.trouble(now)
         if trouble or watch.keypoints is None:
             return trouble or watch.problem
         if observation.object_points is None:
             return "no points of the object"
-        doubt = safety.low_confidence(observation.confidence, limits.smallest_confidence)
+        doubt = safety.low_confidence(observation.confidence)
         if doubt:
             return doubt
         points = transform_points(watch.base_from_camera, observation.object_points)
-        if not safety.object_in_hand(points, watch.keypoints, limits.object_near):
+        if not safety.object_in_hand(points, watch.keypoints):
             return "the object is not in the hand"
         return ""
 

@@ -90,8 +90,6 @@ class MovingHand:
             something over come to rest. Infinity keeps the hand moving.
         noise: Standard deviation of each keypoint coordinate, metres. Never quite 0 in a real
             hand; the workflow takes keypoints that stay bitwise the same for a camera that hangs.
-        lost_from: From this time on no hand is found, seconds.
-        nan_from: From this time on one keypoint is NaN, seconds.
     """
 
     scene: HeldScene
@@ -101,8 +99,6 @@ class MovingHand:
     turn: float = float(np.deg2rad(12.0))
     calm_after: float = 2.0
     noise: float = 1e-5
-    lost_from: float = np.inf
-    nan_from: float = np.inf
 
     def moved(self, time: float) -> Array:
         """How hand and glass have moved since time 0: base_now_from_base_start, shape (4, 4)."""
@@ -119,15 +115,11 @@ class MovingHand:
 
     def observe(self, time: float) -> Observation:
         """What perception says at a time in seconds, in the camera frame."""
-        if time >= self.lost_from:
-            return Observation(time)
         camera_from_base = np.linalg.inv(self.base_from_camera) @ self.moved(time)
         keypoints = transform_points(camera_from_base, self.scene.keypoints)
         if self.noise > 0:
             rng = np.random.default_rng((self.seed, round(time * 1e6)))
             keypoints = keypoints + rng.normal(0.0, self.noise, keypoints.shape)
-        if time >= self.nan_from:
-            keypoints[8] = np.nan
         return Observation(time, keypoints, transform_points(camera_from_base, self._seen))
 
     @cached_property

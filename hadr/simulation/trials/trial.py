@@ -20,7 +20,6 @@ import numpy as np
 
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.logs.run_log import RecordedHandover, RunLog
-from hadr.handover.safety import SafetyConfig
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.records.caches import file_sha256
@@ -88,7 +87,8 @@ ATTEMPT_CONFIG = HandoverConfig(
     feel_ahead=0.05,
     feel_aside=0.02,
     back_speed=0.12,
-    safety=SafetyConfig(smallest_singular_value=0.001, longest_singular=0.3),
+    smallest_singular_value=0.001,
+    longest_singular=0.3,
 )
 """Settings of all attempts, found on holds that are none of the experiment's. Keypoints with an
 error of 4 mm make the pre-grasp move by more than the standard 5 mm although the hand rests, and
@@ -255,10 +255,7 @@ def run_trial(
     config = replace(
         ATTEMPT_CONFIG,
         tracking="-no-tracking" not in trial.condition,
-        safety=replace(
-            ATTEMPT_CONFIG.safety,
-            human_uncertainty=keypoint_uncertainty(by_networks=finder is not None),
-        ),
+        human_uncertainty=keypoint_uncertainty(by_networks=finder is not None),
     )
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height, trial.time_limit)

@@ -127,17 +127,9 @@ def test_a_log_that_was_changed_is_refused(path: Path, tmp_path: Path) -> None:
 
 def test_settings_of_another_version_are_named(path: Path) -> None:
     log = read_run_log(path)
-    config = log.header["config"]
-    safety = config["safety"]
-    for other, says in [
-        ({**config, "boldness": 2.0}, "config: has the unknown field boldness"),
-        (
-            {**config, "safety": {**safety, "luck": 1.0}},
-            "config: safety: has the unknown field luck.* the version that made it",
-        ),
-    ]:
-        with pytest.raises(ValueError, match=says):
-            replay(RunLog(log.arrays, {**log.header, "config": other}))
+    config = {**log.header["config"], "boldness": 2.0}
+    with pytest.raises(ValueError, match=r"field boldness: replay .* the version that made it"):
+        replay(RunLog(log.arrays, {**log.header, "config": config}))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hadr.handover.guarded_arm import too_near
-from hadr.handover.safety import SafetyConfig, withdrawal
+from hadr.handover.safety import withdrawal
 from hadr.simulation.trials.summary import condition_row
 
 HOLDS = count()
@@ -85,7 +85,7 @@ def stopped(*reasons: str) -> list[list[Any]]:
 
 
 def test_a_row_says_what_happened_and_what_became_of_it() -> None:
-    away = withdrawal(np.ones(3), np.ones(3), np.array([1.0, 0, 0]), SafetyConfig())
+    away = withdrawal(np.ones(3), np.ones(3), np.array([1.0, 0, 0]))
     near = too_near(0.004, 0.005)
     outcomes = [
         outcome("0000", "success"),
