@@ -106,8 +106,8 @@ def _jacobian(frames: Array) -> Array:
 def joints_toward(joints: Array, motion: Array) -> Array:
     """About the joint angles (6,) once the tool has moved by a rigid motion (4, 4), `base_link`.
 
-    Three steps of damped least squares: within a millimetre after 10 cm, and beside a singular pose
-    or out of reach as far as it goes. Never another of the solutions.
+    Three steps of damped least squares: within a millimetre after 10 cm; for what is far out of
+    reach just some finite angles. Never another of the solutions.
     """
     frames = joint_frames(joints)
     goal = BASE_LINK_FROM_DH_BASE @ motion @ BASE_LINK_FROM_DH_BASE @ frames[6]

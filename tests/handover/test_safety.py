@@ -41,6 +41,8 @@ def test_a_hand_is_told_from_other_numbers() -> None:
     assert hand_problem(far) == "a keypoint lies 7 m away, a hand at most 5.0 m"
     assert hand_problem(3 * flat_hand()).startswith("no hand has a palm of 0.270 m")
     assert hand_problem(np.zeros((21, 3))).startswith("no hand has a palm of 0.000 m")
+    line = np.linspace([0, 0, 0.5], [0, 0.2, 0.5], 21)
+    assert hand_problem(line).startswith("the keypoints lie on one line within 0.0 mm")
     assert hand_problem("hand") != ""  # type: ignore[arg-type]
 
 

@@ -19,8 +19,7 @@ from hadr.hand import BONES
 from hadr.handover.grasping.gripper import fork
 from hadr.handover.observation import Observation
 from hadr.simulation.camera.sight import Look
-from hadr.simulation.film.film import Picture
-from hadr.simulation.film.world_view import view_from
+from hadr.simulation.film.world_view import Picture, view_from
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.surfaces import Surface, merged
 

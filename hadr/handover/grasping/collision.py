@@ -92,8 +92,9 @@ def hand_gaps(poses: Array, width: float, keypoints: Array, links: Array | None 
     least: Array = gap.min(axis=0)
     if links is not None:
         least = np.minimum(least, links_gaps(links, whole))
-    if not np.isfinite(least).all():
-        raise ValueError(f"the distance to the hand is no number: {least.min()}")
+    bad = least[~np.isfinite(least)]
+    if len(bad):
+        raise ValueError(f"the distance to the hand is no number: {bad[0]}")
     return least
 
 

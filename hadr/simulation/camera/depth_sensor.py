@@ -17,6 +17,11 @@ from hadr.corruption import edge_noise, see_through, smooth_noise, stereo_noise
 Depth = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
+FOCAL, BASELINE = 425.0, 0.050
+"""The imagers' focal length, pixels, and distance, metres: a D435's, as in `depth_camera`."""
+FARTHEST = 4.0
+"""Larger depths are not reported, metres."""
+
 
 @dataclass(frozen=True)
 class DepthSensor:
@@ -30,23 +35,17 @@ class DepthSensor:
     Attributes:
         missing: Share of the glass without depth.
         behind: Share of it that shows what is behind the glass, or something in between.
-        focal: The imagers' focal length, pixels.
-        baseline: Their distance, metres.
         disparity_std: Standard deviation of the matching error, pixels.
         disparity_step: The matcher's step, pixels.
         lost: Share of all pixels that find no match for another reason; a tenth of the hand is
             then missing, as in those frames.
-        farthest: Larger depths are not reported, metres.
     """
 
     missing: float = 0.75
     behind: float = 0.19
-    focal: float = 425.0
-    baseline: float = 0.050
     disparity_std: float = 0.08
     disparity_step: float = 1 / 16
     lost: float = 0.08
-    farthest: float = 4.0
 
     def measure(
         self,
@@ -72,20 +71,20 @@ class DepthSensor:
             background_share=self.behind,
             blob_px=2.0,
         )
-        scale = camera.fx / self.focal  # the sensor's pixels are not the picture's
+        scale = camera.fx / FOCAL  # the sensor's pixels are not the picture's
         raw = stereo_noise(
             seen,
             camera,
             rng,
-            baseline_m=self.baseline,
+            baseline_m=BASELINE,
             disparity_step=self.disparity_step * scale,
             disparity_std=self.disparity_std * scale,
         )
         raw = edge_noise(raw, rng, flying_share=0.15, shift_px=0.5)
         patches = smooth_noise(depth.shape, 2.0, rng)
         lost = patches > np.quantile(patches, 1 - self.lost)
-        lost |= in_shadow(background_depth, camera.fx * self.baseline)
-        lost |= raw > self.farthest
+        lost |= in_shadow(background_depth, camera.fx * BASELINE)
+        lost |= raw > FARTHEST
         return np.where(lost, 0, raw).astype(np.float32)
 
 

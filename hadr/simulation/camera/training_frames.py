@@ -33,7 +33,7 @@ EYE_SPREAD, AIM_SPREAD = 0.06, 0.05
 ARM_AT_HOME, JOINT_SPREAD = 0.7, 0.15
 """Share of the frames in which the arm is at home; else it is turned by this standard deviation in
 each joint, radians."""
-FRAME_OBJECTS: tuple[str, ...] = tuple(OBJECTS)
+FRAME_OBJECTS = tuple(OBJECTS)
 """The objects that are held: the eight that the bundled networks know."""
 
 

@@ -13,16 +13,13 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from hadr.handover.stages import Stage, Transition
 from hadr.records.writing import whole_file
-from hadr.simulation.film.world_view import FilmSet, View
+from hadr.simulation.film.world_view import FilmSet, Picture, View
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
-
-Picture = npt.NDArray[np.uint8]
 
 STAGE_COLORS: dict[Stage, str] = {
     Stage.WAIT_AND_OBSERVE: "#9a9a9a",

@@ -52,10 +52,9 @@ class ArmMotion:
         self._start = np.zeros(3)
         self._idle, self._best, self._by_joints = 0.0, np.inf, False
 
-    def tool_pose_at(self, joints: Array) -> Array:
-        """Return base_from_tool (4, 4) in metres for joint angles (6,) in radians."""
-        self._trial.update(joints)
-        return pose_of(self._trial.data.site(self._site))
+    def pose(self) -> Array:
+        """The commanded base_from_tool (4, 4), metres."""
+        return pose_of(self._configuration.data.site(self._site))
 
     def joint_goals(self, base_from_tool: Array, near: Array | None = None) -> Iterator[Array]:
         """Joint angles (6,) that reach a pose (4, 4) within every limit, the shortest way first.
@@ -84,7 +83,7 @@ class ArmMotion:
                 self._goal_pose = target.copy()
                 return
         end = self.straight_way(target)
-        away = pose_distance(self._pose(), target)
+        away = pose_distance(self.pose(), target)
         if end is None and away[0] < 0.06 and away[1] < 0.35:
             end = self.joints.copy()  # all but there: no other branch
         if end is None:
@@ -92,7 +91,7 @@ class ArmMotion:
         else:
             self._goal, self._goal_pose, self._way = end, target.copy(), [end]
         self._by_joints, self._best, self._idle = end is None, np.inf, 0.0
-        self._start = self._pose()[:3, 3].copy()
+        self._start = self.pose()[:3, 3].copy()
 
     def straight_way(self, target: Array) -> Array | None:
         """Joint angles (6,) at the end of the tool's straight way, None where it leads nowhere.
@@ -100,7 +99,7 @@ class ArmMotion:
         Nor does it past a nearly singular pose. UnreachableError: the target breaks a limit.
         """
         next(self.joint_goals(target))
-        here = self._pose()
+        here = self.pose()
         distance, angle = pose_distance(here, target)
         count = int(np.ceil(max(distance / 0.04, angle / 0.2, 1.0)))
         joints = self.joints
@@ -143,7 +142,7 @@ class ArmMotion:
         UnreachableError where the target breaks a limit; the command has not changed then.
         """
         self._plan(target)
-        now = self._pose()
+        now = self.pose()
         distance, angle = pose_distance(now, target)
         self._choose_way(target, distance, angle, dt)
         self._frame.set_target(mink.SE3.from_matrix(self._reference(now, target, dt)))
@@ -211,7 +210,7 @@ class ArmMotion:
         if self._by_joints:
             if np.abs(self._way[0] - self.joints).max() < 0.05:
                 self._by_joints = len(self._way) > 1
-                self._start = self._pose()[:3, 3].copy()
+                self._start = self.pose()[:3, 3].copy()
                 self._way = self._way[-1:]
             return
         left = distance + 0.1 * angle
@@ -221,9 +220,6 @@ class ArmMotion:
         if self._idle > 0.3:
             self._find_way(target)
             self._by_joints, self._idle, self._best = True, 0.0, np.inf
-
-    def _pose(self) -> Array:
-        return pose_of(self._configuration.data.site(self._site))
 
 
 def _slowing(distance: float, speed: float, acceleration: float, dt: float) -> float:

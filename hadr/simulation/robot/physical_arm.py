@@ -85,7 +85,6 @@ class PhysicalUR5:
         self._opening = self._target_opening = LARGEST_OPENING
         data.qpos[self._joints], data.qpos[self._fingers] = HOME_JOINTS, self._opening / 2
         self._stretch = _Stretch(data.time - 0.02, 0.02, HOME_JOINTS, (np.zeros(6), np.zeros(6)))
-        self.home_pose: Array = self._motion.tool_pose_at(HOME_JOINTS)
         self._force = self._wanted_force = GENTLE_FORCE
         self.drive()
 

@@ -107,6 +107,8 @@ class World:
             None keeps it where it is.
         arm: Settings of the arm, `robot`, whose last command runs while the world is stepped.
         seed: Of the noise of the arm's sensors, which differs from hold to hold.
+
+    `torn` says whether the object was torn out of the hand.
     """
 
     def __init__(
@@ -130,7 +132,7 @@ class World:
         model, data = self._model, self._data
         self._hand, self._object = model.body("hand").id, model.body("object").id
         self._grip = model.equality("grip").id
-        self._torn, self._opened, self._opens_to = False, np.zeros(5), np.zeros(5)
+        self.torn, self._opened, self._opens_to = False, np.zeros(5), np.zeros(5)
         self._kinds = model.geom_contype.copy()
         self._finger = np.full(model.ngeom, -1)
         for index, name in enumerate(GRIPPER_GEOMS[:2]):
@@ -195,11 +197,6 @@ class World:
             hand_distance=self._hand_distance(),
             opened=self._opened,
         )
-
-    @property
-    def torn(self) -> bool:
-        """Whether the object was torn out of the hand."""
-        return self._torn
 
     def keypoints(self) -> Array:
         """The hand where it truly is, shape (21, 3), metres, base frame."""
@@ -315,8 +312,8 @@ class World:
         if not held:
             return
         pull, twist = self._hold_bears()
-        self._torn = pull > HOLD_FORCE or twist > HOLD_TORQUE
-        if self._torn:
+        self.torn = pull > HOLD_FORCE or twist > HOLD_TORQUE
+        if self.torn:
             self._let_go()
         elif not pressing.all():
             self._pressing_since = None

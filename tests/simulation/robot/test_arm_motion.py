@@ -56,7 +56,7 @@ def arrives(motion: ArmMotion, target: np.ndarray) -> bool:
     home(motion)
     for _ in range(300):
         motion.advance(target, DT)
-        distance, angle = pose_distance(motion.tool_pose_at(motion.joints), target)
+        distance, angle = pose_distance(motion.pose(), target)
         if distance < 0.002 and angle < np.deg2rad(1):
             return True
     return False
@@ -76,7 +76,7 @@ def test_no_way_leads_past_a_singular_pose_where_another_does(motion: ArmMotion)
         home(motion)
         if not reachable(motion, target):
             continue
-        start = motion.tool_pose_at(motion.joints)
+        start = motion.pose()
         if motion.straight_way(target) is None:
             roundabout += 1
             continue
@@ -93,14 +93,14 @@ def test_no_way_leads_past_a_singular_pose_where_another_does(motion: ArmMotion)
 
 def test_short_ways_are_straight_and_as_fast_as_allowed(motion: ArmMotion) -> None:
     home(motion)
-    start = motion.tool_pose_at(motion.joints)
+    start = motion.pose()
     target = start.copy()
     target[:3, 3] += [0.1, -0.2, -0.1]
     along = (target[:3, 3] - start[:3, 3]) / np.linalg.norm(target[:3, 3] - start[:3, 3])
     places = []
     for _ in range(100):
         motion.advance(target, DT)
-        places.append(motion.tool_pose_at(motion.joints)[:3, 3] - start[:3, 3])
+        places.append(motion.pose()[:3, 3] - start[:3, 3])
     aside = np.array(places) - np.outer(np.array(places) @ along, along)
     assert np.linalg.norm(aside, axis=1).max() < 0.01
     speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / DT
@@ -128,14 +128,13 @@ def test_no_target_breaks_a_limit(motion: ArmMotion, seed: int, spread: float) -
             assert np.abs(motion.velocity).max() <= np.pi * 0.35 + SOLVER
             step = np.abs(motion.velocity - before).max()
             assert step <= limits.joint_acceleration * DT + SOLVER
-            assert in_workspace(motion.tool_pose_at(motion.joints)[:3, 3])
+            assert in_workspace(motion.pose()[:3, 3])
             assert nearest_links(motion) > CLEARANCE - 1e-3
 
 
 def nearest_links(motion: ArmMotion) -> float:
     """Smallest distance of gripper and wrist to shoulder, upper arm and table, metres."""
-    model, data = motion._trial.model, motion._trial.data
-    motion.tool_pose_at(motion.joints)
+    model, data = motion._configuration.model, motion._configuration.data
     gaps = [
         mujoco.mj_geomDistance(model, data, model.geom(a).id, model.geom(b).id, 1.0, None)
         for a in ("left_finger", "right_finger", "bar", "palm", "wrist_2")
@@ -146,14 +145,14 @@ def nearest_links(motion: ArmMotion) -> float:
 
 def test_the_edge_of_the_workspace_holds_a_target_on_it(motion: ArmMotion) -> None:
     home(motion)
-    target = motion.tool_pose_at(motion.joints)
+    target = motion.pose()
     target[:3, 3] = [0.5, 0.1, 0.0495]  # half a millimetre below the box
     with pytest.raises(UnreachableError, match="outside the workspace box"):
         motion.advance(target, DT)
     target[2, 3] = 0.056
     for _ in range(150):
         motion.advance(target, DT)
-        assert motion.tool_pose_at(motion.joints)[2, 3] > 0.05 + MARGIN - 1e-4
+        assert motion.pose()[2, 3] > 0.05 + MARGIN - 1e-4
 
 
 def test_braking_takes_the_time_of_the_acceleration(motion: ArmMotion) -> None:

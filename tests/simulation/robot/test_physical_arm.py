@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from hadr.handover.poses import pose_distance
 from hadr.handover.robot import Robot, UnreachableError
-from hadr.handover.simulated_ur5 import ArmConfig, in_workspace
+from hadr.handover.simulated_ur5 import ArmConfig, SimulatedUR5, in_workspace
 from hadr.simulation.robot.motion_limits import MotionConfig
 from hadr.simulation.robot.physical_arm import PROTECTIVE_FORCE
 from hadr.simulation.world.physics import World
@@ -37,7 +37,7 @@ def drive(world: World, target: np.ndarray, seconds: float) -> None:
 def test_arrives_and_stands_still(scene: HeldScene) -> None:
     world = World(scene)
     robot: Robot = world.robot
-    assert pose_distance(robot.tool_pose(), world.robot.home_pose)[0] < 1e-6
+    assert pose_distance(robot.tool_pose(), SimulatedUR5().tool_pose())[0] < 1e-6
     target = moved(robot.tool_pose(), 0.05, -0.2, -0.1)
     target[:3, :3] = target[:3, :3] @ Rotation.from_euler("y", 0.3).as_matrix()
     assert robot.reachable(target)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from hadr.camera import transform_points
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.poses import pose_distance
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.simulation.world.model import hand_capsules
 from hadr.simulation.world.object_parts import mass_properties
 from hadr.simulation.world.physics import World
@@ -151,7 +152,7 @@ def test_the_gripper_alone_carries_the_glass(handed_over: Handed) -> None:
 
 def test_open_fingers_drop_it_and_the_ground_bears_it(handed_over: Handed) -> None:
     world = handed_over[0]
-    back = world.robot.home_pose.copy()  # over the robot's own table
+    back = SimulatedUR5().tool_pose()  # over the robot's own table
     back[2, 3] = 0.2
     drive(world, back, 2.5)
     world.robot.set_gripper(0.085, 7.0)
