@@ -192,8 +192,7 @@ def _handover(file: ResultFile, paper: Mapping[str, Any], size: str) -> str:
         "rates as near as these of 48 attempts: chapter 13 has more of some, the rows of "
         "`mini/handover_seeds.json`, and says which come out otherwise under the guard of today "
         "(`mini/handover_again.json`): these are of an older one. The last three columns count the "
-        "objects of which more than "
-        "half, more than 80 %, or all attempts succeed."
+        "objects of which more than half, more than 80 %, or all attempts succeed."
     )
     return _section(words, HANDOVER_COLUMNS, listed, TITLES["handover"], "conditions of ours")
 
