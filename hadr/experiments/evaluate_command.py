@@ -76,7 +76,7 @@ class Options:
     """Score these objects only."""
     given: tyro.conf.OmitArgPrefixes[Given] = field(default_factory=Given)
     out: Annotated[Path | None, FILE] = None
-    """File for the tables as JSON with their provenance."""
+    """File for the tables as JSON, with each frame's RMSE, the standard error, and provenance."""
 
 
 def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) -> dict[str, Scores]:
@@ -157,7 +157,11 @@ def run(options: Options) -> int:
             for name, scores in rows.items()
         }
         pooled = {name: replace(scores.pooled, coverage=own[name]) for name, scores in rows.items()}
-        print(f"split {options.split}, {len(source)} frames, depth {given.corruption}\n")
+        at = "{}x{}".format(*EVALUATION_SIZE)
+        print(
+            f"split {options.split}, {len(source)} frames, depth {given.corruption}; scored at "
+            f"{at}, a pixel without an answer as depth 0\n"
+        )
         print(f"mean of the frames' numbers\n{format_table(means)}\n")
         print(f"all pixels pooled\n{format_table(pooled)}\n")
         content["size"] = list(EVALUATION_SIZE)
