@@ -26,7 +26,7 @@ _GOALS = re.compile(
 _CITE = re.compile(r"\{cite(?::\w+)?\}`([^`]+)`")
 _DOC = re.compile(r"\{doc\}`(?:([^`<]+?)\s*<([^`>]+)>|([^`]+))`")
 _NUMBER = re.compile(r"(^|\. )?\{numref\}`[^`]+`", re.MULTILINE)
-_LABEL = re.compile(r"^\([\w-]+\)=\n", re.MULTILINE)
+_UNSEEN = re.compile(r"^(\([\w-]+\)=|% .*)\n+", re.MULTILINE)
 _INNER = re.compile(r"\[([^\]]+)\]\(<?#([^>)]+)>?\)")
 _TABLE = re.compile(r"^:::\{table\} (.+)\n(?::name: .+\n)?\n(?s:(.+?))^:::$", re.MULTILINE)
 _PAGE = re.compile(r"\]\(\.\./([\w/-]+\.md)(#[\w-]+)?\)")
@@ -286,7 +286,7 @@ def plain_markdown(text: str, citations: Mapping[str, str], pages: str) -> str:
         known = not re.search(r"[-.]", target)
         return f"[{words}]({pages}/glossary.md)" if known else str(words)
 
-    text = _INNER.sub(within, _LABEL.sub("", _NUMBER.sub(numbered, text)))
+    text = _INNER.sub(within, _UNSEEN.sub("", _NUMBER.sub(numbered, text)))
     text = _TABLE.sub(r"*\1*\n\n\2", text)
     text = _DOC.sub(linked, _CITE.sub(cited, text))
     return _PAGE.sub(lambda found: f"]({pages}/{found.group(1)}{found.group(2) or ''})", text)

@@ -131,6 +131,7 @@ def test_links_within_the_book_lead_to_its_pages_or_are_words():
     )
     assert told("[above](#worth-of-parts), [`hadr.a`](#hadr.a)") == "above, `hadr.a`"
     assert told("(worth-of-parts)=\n## What") == "## What"
+    assert told("## Ask\n\n% Of Jupyter.\n\nText.") == "## Ask\n\nText."
 
 
 def test_no_role_of_the_book_is_left(root):
