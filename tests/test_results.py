@@ -653,6 +653,15 @@ def test_readme_and_chapter_13_say_what_the_attempts_say() -> None:
         assert words.format(won, made, chance) in chapter
 
 
+def test_chapter_13_says_how_far_off_the_glass_is() -> None:
+    file = read_result_file(RESULTS / "mini" / "handover_depth.json")
+    of = {row["condition"]: row for row in file.rows}
+    assert {row["scenes_with_points"] for row in file.rows} == {48}
+    networks = ("unet-hand", "hadr", "hadr-plus")
+    assert max(of[name]["median_error_m"] for name in networks) < 0.01  # "within a centimetre"
+    assert min(networks, key=lambda name: of[name]["within_2_cm"]) == "hadr"  # "misses most often"
+
+
 def test_chapter_13_says_what_came_out_again() -> None:
     of, chapter = attempts_rows(), page_text(CHAPTER_13)
     again = {
