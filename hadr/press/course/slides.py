@@ -209,7 +209,8 @@ def _column(section: Section, pictures: Mapping[str, str]) -> list[str]:
     for piece in drawn[:MOST_FIGURES]:
         words = str(piece.metadata["mystnb"]["image"]["alt"]).replace('"', "'")
         picture = f"```{{image}} {pictures[piece.source]}\n:alt: {words}\n```"
-        bodies.append(f"{picture}\n\n*{words}*")
+        told = piece.metadata["mystnb"].get("figure", {}).get("caption", words)
+        bodies.append(f"{picture}\n\n*{told}*")
     return [f"{'###' if k else '##'} {section.heading}\n\n{body}" for k, body in enumerate(bodies)]
 
 

@@ -59,7 +59,15 @@ def small_notebook(tmp_path):
             code('preset: str = "tiny"\nseed: int = 0', metadata={"tags": ["parameters"]}),
             code("from hadr.press.exercises import check"),
             text(IDEA),
-            code("draw()", metadata={"mystnb": {"image": {"alt": "A line through the origin"}}}),
+            code(
+                "draw()",
+                metadata={
+                    "mystnb": {
+                        "image": {"alt": "A line through the origin"},
+                        "figure": {"caption": "Twice as much is twice as high."},
+                    }
+                },
+            ),
             text(QUESTION),
             code("three = 3\nanswer = ..."),
             code(CHECK),

@@ -119,7 +119,7 @@ def test_a_deck_has_title_goals_ideas_formula_figure_exercises_and_summary(small
     assert idea.startswith("\n\nDoubling adds a number to itself. It is older than $x^2$,")
     assert idea.endswith("\n\n- **It is linear.**\n\n")
     assert "So there." in deck  # the speaker has it
-    assert "```{image} 07_small-0.png\n:alt: A line through the origin\n```" in deck
+    assert "```{image} 07_small-0.png\n:alt: A line through the origin\n```\n\n*Twice as" in deck
     assert "1. Twice (1 mark)" in deck
     assert "draw()" not in deck
 
