@@ -124,24 +124,36 @@ def best_rotation(
     return rotation
 
 
-class Motion(NamedTuple):
-    """What carries points x onto rotation @ x + shift."""
+class Similarity(NamedTuple):
+    """What carries points x onto scale * rotation @ x + shift."""
 
+    scale: float
     rotation: Array
     shift: Array
 
 
-def best_motion(initial: Array, current: Array, *, weights: Array | None = None) -> Motion:
+def best_similarity(
+    initial: Array,
+    current: Array,
+    *,
+    scaled: bool = False,
+    weights: Array | None = None,
+) -> Similarity:
     """Carry points (n, 3) onto the same ones later, about their centroids, by least squares.
 
-    Weights and errors as of `best_rotation`. Source: Umeyama, Least-squares estimation of
-    transformation parameters between two point patterns, 1991, equations 38 to 43, without a scale.
+    The scale is 1 unless it shall be fitted too; weights and errors as of `best_rotation`.
+    Source: Umeyama, Least-squares estimation of transformation parameters between two point
+    patterns, 1991, equations 38 to 43.
     """
     share = np.ones(len(initial)) if weights is None else weights
     share = share / share.sum()
     before, now = initial - share @ initial, current - share @ current
     rotation = best_rotation(before, now, weights=share)
-    return Motion(rotation, share @ current - rotation @ (share @ initial))
+    turned = before @ rotation.T
+    scale = 1.0
+    if scaled:
+        scale = float(share @ (turned * now).sum(axis=1) / (share @ (turned**2).sum(axis=1)))
+    return Similarity(scale, rotation, share @ current - scale * rotation @ (share @ initial))
 
 
 def hand_motion(
@@ -168,7 +180,7 @@ def hand_motion(
     if found is not None:
         return found
     if about == "centroid":
-        fit = best_motion(before, now)
+        fit = best_similarity(before, now)
         rotation, wrist = fit.rotation, fit.rotation @ before[0] + fit.shift
     else:
         rotation, wrist = best_rotation(before - before[0], now - now[0]), now[0]
@@ -193,10 +205,10 @@ def _robust_motion(before: Array, now: Array, about: About) -> HandMotion | None
     return HandMotion(fit.rotation, before[0], wrist, residual, about, outliers, robust=True)
 
 
-def _trimmed(before: Array, now: Array, used: Array) -> tuple[Motion, NDArray[np.bool_], Array]:
+def _trimmed(before: Array, now: Array, used: Array) -> tuple[Similarity, NDArray[np.bool_], Array]:
     """Fit, leave out what misses by three spreads, until nothing changes: fit, kept, misses."""
     for _ in range(12):
-        fit = best_motion(before, now, weights=used)
+        fit = best_similarity(before, now, weights=used)
         miss = np.linalg.norm(before @ fit.rotation.T + fit.shift - now, axis=1)
         spread = 1.4826 * float(np.median(miss[used > 0]))
         inlier: NDArray[np.bool_] = miss <= np.clip(3 * spread, LEAST_CUT, LARGEST_CUT)

@@ -12,8 +12,8 @@ from hadr.handover.tracking import (
     FULL_PLACE,
     FULL_TURN,
     HandFilter,
-    best_motion,
     best_rotation,
+    best_similarity,
     hand_motion,
 )
 
@@ -229,7 +229,7 @@ def horn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_motion_is_that_of_horn_s_quaternion_and_of_derivatives_that_vanish(
+def test_similarity_is_that_of_horn_s_quaternion_and_of_derivatives_that_vanish(
     mirrored: bool,
 ) -> None:
     rng = np.random.default_rng(5)
@@ -238,22 +238,33 @@ def test_motion_is_that_of_horn_s_quaternion_and_of_derivatives_that_vanish(
     after = 1.7 * before @ turn.T + [0.4, -2.0, 3.0] + rng.normal(0, 0.2, (30, 3))
     if mirrored:
         after[:, 1] *= -1
-    rotation, shift = best_motion(before, after)
-    np.testing.assert_allclose(rotation, horn(before, after), atol=1e-9)
+    for scaled in (False, True):
+        scale, rotation, shift = best_similarity(before, after, scaled=scaled)
+        np.testing.assert_allclose(rotation, horn(before, after), atol=1e-9)
 
-    def misfit(t: np.ndarray) -> float:
-        return float(((before @ rotation.T + t - after) ** 2).sum())
+        def misfit(s: float, t: np.ndarray, rotation: np.ndarray = rotation) -> float:
+            return float(((s * before @ rotation.T + t - after) ** 2).sum())
 
-    for way in np.eye(3):
-        assert misfit(shift + 1e-3 * way) > misfit(shift) < misfit(shift - 1e-3 * way)
+        best = misfit(scale, shift)
+        for way in np.eye(3):
+            assert misfit(scale, shift + 1e-3 * way) > best < misfit(scale, shift - 1e-3 * way)
+        if scaled:
+            assert misfit(scale + 1e-3, shift) > best < misfit(scale - 1e-3, shift)
+        else:
+            assert scale == 1.0
 
 
-def test_motion_of_a_triangle_by_hand() -> None:
-    # a quarter turn about z, twice as large; the centroids meet: (1/3, 2/3, 0) -> (-1/3, 8/3, 3)
+def test_similarity_of_a_triangle_by_hand() -> None:
+    # a quarter turn about z, twice as large, moved by (1, 2, 3)
     before = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
-    rotation, shift = best_motion(before, np.array([[1.0, 2, 3], [1, 4, 3], [-3, 2, 3]]))
+    after = np.array([[1.0, 2, 3], [1, 4, 3], [-3, 2, 3]])
+    scale, rotation, shift = best_similarity(before, after, scaled=True)
+    assert scale == pytest.approx(2.0)
     np.testing.assert_allclose(rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
-    np.testing.assert_allclose(shift, [1 / 3, 7 / 3, 3], atol=1e-12)
+    np.testing.assert_allclose(shift, [1, 2, 3], atol=1e-12)
+    # without a scale the centroids still meet: (1/3, 2/3, 0) -> (-1/3, 8/3, 3)
+    plain = best_similarity(before, after)
+    np.testing.assert_allclose(plain.shift, [1 / 3, 7 / 3, 3], atol=1e-12)
 
 
 #: Where a camera was, by ORB-SLAM without a scale and by RGBD-SLAM in metres, in the sequence
@@ -285,23 +296,33 @@ FREIBURG1_XYZ = """
 """
 
 
-def test_motion_of_published_trajectories() -> None:
+@pytest.mark.parametrize(
+    ("scaled", "scale", "shift", "error"),
+    [
+        (True, 1.0912638, [1.283784, 0.541236, 1.583524], 0.0126661),
+        (False, 1.0, [1.281666, 0.550581, 1.580645], 0.0240323),
+    ],
+)
+def test_similarity_of_published_trajectories(
+    scaled: bool, scale: float, shift: list[float], error: float
+) -> None:
     """The values are an iterative fit's (scipy's least_squares from eight random rotations)."""
     points = np.array(FREIBURG1_XYZ.split(), dtype=np.float64).reshape(-1, 6)
     before, after = points[:, :3], points[:, 3:]
-    found = best_motion(before, after)
-    np.testing.assert_allclose(found.shift, [1.281666, 0.550581, 1.580645], atol=1e-6)
+    found = best_similarity(before, after, scaled=scaled)
+    assert found.scale == pytest.approx(scale, abs=1e-7)
+    np.testing.assert_allclose(found.shift, shift, atol=1e-6)
     turn = [[0.06157, 0.717975, -0.693341], [0.99799, -0.033859, 0.053561]]
     np.testing.assert_allclose(found.rotation[:2], turn, atol=1e-6)
-    misses = before @ found.rotation.T + found.shift - after
-    assert np.sqrt((misses**2).sum(axis=1).mean()) == pytest.approx(0.0240323, abs=1e-7)
+    misses = found.scale * before @ found.rotation.T + found.shift - after
+    assert np.sqrt((misses**2).sum(axis=1).mean()) == pytest.approx(error, abs=1e-7)
 
 
-def test_points_of_no_weight_do_not_turn_the_motion() -> None:
+def test_points_of_no_weight_do_not_turn_the_similarity() -> None:
     before = np.vstack([np.eye(3), np.zeros(3)])
     after = before.copy()
     after[3] += [5.0, -2.0, 1.0]
-    found = best_motion(before, after, weights=np.array([1.0, 1.0, 1.0, 0.0]))
+    found = best_similarity(before, after, weights=np.array([1.0, 1.0, 1.0, 0.0]))
     np.testing.assert_allclose(found.rotation, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(found.shift, 0.0, atol=1e-12)
 
