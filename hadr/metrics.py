@@ -44,12 +44,14 @@ class Metric:
         factor: From the stored number to the shown one.
         of_pixel: From predicted and true depth in metres, shape (N,), to what is averaged, (N,).
         finish: From the average to the number.
+        larger_is_better: Which of two numbers is the better one.
     """
 
     heading: str
     factor: float
     of_pixel: Callable[[Values, Values], npt.NDArray[Any]]
     finish: Callable[[float], float] = float
+    larger_is_better: bool = False
 
     def text(self, value: float | None, digits: int = 2, sign: str = "") -> str:
         """Write a stored number as a table shows it; a dash where there is none."""
@@ -67,7 +69,7 @@ def _delta(threshold: float) -> Metric:
         ratio[front] = np.maximum(p[front] / t[front], t[front] / p[front])
         return np.where(ratio < threshold, 100.0, 0.0)
 
-    return Metric(f"δ{threshold:.2f} (%)", 1, of_pixel)
+    return Metric(f"δ{threshold:.2f} (%)", 1, of_pixel, larger_is_better=True)
 
 
 METRICS: dict[str, Metric] = {
@@ -268,9 +270,9 @@ def pooled(
     return total.metrics(sum(s.pixels > 0 for s in parts), "pooled")
 
 
-_SMALLER = ("RMSE", "MAE", "REL", "error", "shape", "pooled", "loss", "time of", "memory")
-_LARGER = ("δ", "success", "rate", ">", "1.0", "100 %")
-"""Words in a column's heading that tell which of its numbers is best."""
+_SMALLER = ("error", "shape", "pooled", "loss", "time of", "memory")
+_LARGER = ("success", "rate", ">", "1.0", "100 %")
+"""Words in a column's heading, beside the metrics' names, that tell which number is best."""
 
 
 def best_in_bold(table: pd.DataFrame, groups: Iterable[Iterable[int]]) -> pd.DataFrame:
@@ -280,10 +282,13 @@ def best_in_bold(table: pd.DataFrame, groups: Iterable[Iterable[int]]) -> pd.Dat
         table: Cells of text that begin with their number; a cell without one is left alone.
         groups: Numbers of the rows that compete with each other; rows in no group never do.
     """
+    named: dict[bool, list[str]] = {False: [*_SMALLER], True: [*_LARGER]}
+    for metric in METRICS.values():
+        named[metric.larger_is_better].append(metric.heading.partition(" ")[0])
     table, together = table.copy(), [list(group) for group in groups]
     for column, heading in enumerate(table.columns):
-        sign = -1 if any(word in heading for word in _LARGER) else 1
-        if sign > 0 and not any(word in heading for word in _SMALLER):
+        sign = -1 if any(word in heading for word in named[True]) else 1
+        if sign > 0 and not any(word in heading for word in named[False]):
             continue
         for group in together:
             found = {row: re.match(r"[-+]?\d+(\.\d+)?", table.iat[row, column]) for row in group}

@@ -53,7 +53,8 @@ def imported_rooms(path: Path) -> set[str]:
             targets = [f"{node.module}.{alias.name}" for alias in node.names]
         else:
             continue
-        names |= {t.split(".")[1] for t in targets if t.startswith("hadr.")}
+        inner = [t.split(".")[1] for t in targets if t.startswith("hadr.")]
+        names |= {hadr.FRONT_DOOR.get(name, name).split(".")[0] for name in inner}
     return names & set(ROOMS)
 
 

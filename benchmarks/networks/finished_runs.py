@@ -13,8 +13,8 @@ from hadr.experiments.tables import runs_in
 from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
 from hadr.training.checkpoints import load_checkpoint
-from hadr.training.loop import LAST
 from hadr.training.recipe import Preset
+from hadr.training.training_folder import LAST
 
 
 def arguments(description: str | None) -> argparse.ArgumentParser:

@@ -21,7 +21,8 @@ from hadr.rivals.lidf import LIDF
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import CLASSICAL
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.loop import LAST, evenly
+from hadr.training.loop import evenly
+from hadr.training.training_folder import LAST
 
 
 def row_of(bench: Bench, run: Run) -> dict[str, Any]:

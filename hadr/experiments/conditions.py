@@ -30,8 +30,8 @@ from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import CLASSICAL
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.frames.predicted import load_given
-from hadr.training.loop import LAST
 from hadr.training.recipe import Given
+from hadr.training.training_folder import LAST
 
 
 def _checkpoints() -> Path:

@@ -35,9 +35,9 @@ from hadr.records.provenance import plain, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.training.checkpoints import read_record
 from hadr.training.frames.batches import FrameTensors, load_frames
-from hadr.training.loop import LAST, Trained, train
+from hadr.training.loop import Trained, train
 from hadr.training.recipe import Preset
-from hadr.training.training_folder import HISTORY
+from hadr.training.training_folder import HISTORY, LAST
 
 ROW = "row.json"
 TABLES_OF_NETWORKS = (

@@ -41,9 +41,7 @@ from hadr.training.recipe import Preset
 from hadr.training.tasks.diagnosis import gradient_norms
 from hadr.training.tasks.pictures import save_png
 from hadr.training.tasks.task import Task
-from hadr.training.training_folder import BEST, LAST, TrainingFolder
-
-__all__ = ["BEST", "LAST", "Trained", "train"]
+from hadr.training.training_folder import TrainingFolder
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,6 @@ from hadr.records.provenance import usable_cores
 from hadr.training.checkpoints import load_checkpoint, update_record
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import (
-    BEST,
-    LAST,
     Trained,
     average_of,
     batch_workers,
@@ -29,6 +27,7 @@ from hadr.training.losses import CODED
 from hadr.training.presets import preset
 from hadr.training.recipe import Preset
 from hadr.training.tasks.task import Task
+from hadr.training.training_folder import BEST, LAST
 
 
 def same_weights(a: torch.nn.Module, b: torch.nn.Module) -> bool:

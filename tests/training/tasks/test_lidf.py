@@ -10,11 +10,12 @@ from torch import nn
 from hadr.rivals.lidf import LIDF, DilatedResNetConfig, LIDFConfig
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.loop import LAST, Trained, train
+from hadr.training.loop import Trained, train
 from hadr.training.losses import LIDF_WEIGHTS
 from hadr.training.recipe import Preset
 from hadr.training.tasks.lidf import draw_perturbation, stage
 from hadr.training.tasks.task import Task, validate_depth
+from hadr.training.training_folder import LAST
 
 MICRO = Preset(
     name="micro",
