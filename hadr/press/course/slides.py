@@ -202,6 +202,7 @@ def _column(section: Section, pictures: Mapping[str, str]) -> list[str]:
     if section.paragraphs:
         idea, *rest = section.paragraphs
         leads = "\n".join(f"- {lead[0]}" for lead in map(_LEAD.match, rest) if lead)
+        idea = re.sub(":$", ".", idea)  # what it announced, a table or code, is not on the slide
         bodies.append(f"{idea}\n\n{leads}\n\n{_notes(*section.paragraphs)}")
         formulas = [paragraph for paragraph in rest if "$$" in paragraph]
         bodies += ["\n\n".join(formulas[:MOST_FORMULAS])] if formulas else []
