@@ -23,8 +23,7 @@ APART = [
 ]
 BY_REPRODUCE = {
     *(f"mini/{name}.json" for name in (*FILES, "handover", "run_times")), "tiny/run_times.json",
-    *(f"imagenet/{name}.json"
-      for name in ("known", "unknown", "ablation", "ledger", "segmentation", "keypoints")),
+    *(f"imagenet/{name}.json" for name in (*FILES, "run_times")),
     *(f"longer/{name}.json" for name in ("known", "unknown", "segmentation", "keypoints")),
 }  # fmt: skip
 
