@@ -18,8 +18,8 @@ ROWS = [
     line.strip("| ").split(" | ") for line in PAGE.splitlines() if re.match(r"\| `[\w/-]+\.", line)
 ]
 APART = [
-    (re.findall(r"`([^`]+)`", files), re.findall(r"`([a-z]+ [^`]+)`", how))
-    for files, _, how in ROWS
+    (re.findall(r"`([\w/-]+\.\w+)`", files), re.findall(r"`([a-z]+ [^`]+)`", how))
+    for files, how in ROWS
 ]
 BY_REPRODUCE = {
     *(f"mini/{name}.json" for name in (*FILES, "handover", "run_times")), "tiny/run_times.json",
