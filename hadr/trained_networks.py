@@ -87,7 +87,7 @@ class DepthNetwork:
     """A depth network, loaded once.
 
     Attributes:
-        model: The network, in evaluation mode.
+        model: The network as `hadr.models.inference.for_inference` makes it.
         kind: One of `hadr.models.networks.DEPTH_NETWORKS`.
         size: (width, height) that it runs at, pixels.
         needs_hand: Whether it can't do without the hand's keypoints.
@@ -152,6 +152,7 @@ class DepthNetwork:
                 f"{name} holds a network of kind {kind!r}, expected one that restores depth: "
                 f"{', '.join(DEPTH_NETWORKS)}"
             )
+        from hadr.models.inference import for_inference
         from hadr.training.checkpoints import trained_corruption
 
         config: Any = model.config
@@ -160,7 +161,7 @@ class DepthNetwork:
         ground = meta.get("ground")
         recipe = (meta.get("preset") or {}).get("name", "unknown")
         return cls(
-            model=model.eval(),
+            model=for_inference(model),
             kind=kind,
             size=(int(meta["width"]), int(meta["height"])),
             needs_hand=getattr(config, "hand", "3d") != "none",

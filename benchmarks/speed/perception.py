@@ -18,6 +18,7 @@ from measuring import arguments, interleaved, sample_frames, turning
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADR
 from hadr.models.hand.keypoints import HandKeypointNet, predict_keypoints
+from hadr.models.inference import for_inference
 from hadr.models.segmentation import SegmentationNet, predict_logits
 from hadr.records.provenance import provenance
 from hadr.records.result_file import write_sealed
@@ -51,17 +52,17 @@ def main() -> None:
     seen_size = recipes["segmentation"].size
     torch.manual_seed(0)
     small: tuple[Any, ...] = (
-        SegmentationNet(recipes["segmentation"].model).eval(),  # type: ignore[arg-type]
-        HandKeypointNet(recipes["hand-keypoints"].model).eval(),  # type: ignore[arg-type]
-        HADR(recipes["hadr"].model).eval(),  # type: ignore[arg-type]
+        SegmentationNet(recipes["segmentation"].model),  # type: ignore[arg-type]
+        HandKeypointNet(recipes["hand-keypoints"].model),  # type: ignore[arg-type]
+        HADR(recipes["hadr"].model),  # type: ignore[arg-type]
     )
-    calls = {"as it is": perception(*small, seen_size, SIZE)}
+    calls = {"as it is": perception(*map(for_inference, small), seen_size, SIZE)}
     folder = samples_dir() / "checkpoints"
     kinds = ("segmentation", "hand-keypoints", "hadr", "hadr-plus")
     loaded = [load_checkpoint(folder / f"{kind}-imagenet.safetensors") for kind in kinds]
-    (masks, record), (hands, _), *networks = loaded
-    size = record["width"], record["height"]
-    for kind, (network, _) in zip(kinds[2:], networks, strict=True):
+    masks, hands, *networks = (for_inference(network) for network, _ in loaded)
+    size = loaded[0][1]["width"], loaded[0][1]["height"]
+    for kind, network in zip(kinds[2:], networks, strict=True):
         calls[f"bundled {kind}"] = perception(masks, hands, network, size, size)
     with torch.inference_mode():
         times = interleaved(calls, args.turns, args.seconds)

@@ -23,6 +23,7 @@ from torch import Tensor, nn
 from hadr.confidence.calibration import ConfidenceRule
 from hadr.confidence.known_ground import Ground
 from hadr.corruption import CORRUPTIONS, Corruption
+from hadr.models.inference import for_inference
 from hadr.models.networks import NETWORKS
 from hadr.records.provenance import IF_CHANGED, plain, write_json
 from hadr.records.reading import check_size, parse_json, structured
@@ -168,14 +169,14 @@ def load_checkpoint(path: str | Path) -> tuple[Any, dict[str, Any]]:
 
 
 def load_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
-    """Load a network of one kind, with the (width, height) at which it was trained.
+    """Load a network of one kind for inference, with the (width, height) it was trained at.
 
     ValueError where it is one of another kind; else errors as `load_checkpoint`.
     """
     model, meta = load_checkpoint(path)
     if meta["network"] != kind:
         raise ValueError(f"{path} holds a network of kind {meta['network']!r}, expected {kind!r}")
-    return model, (int(meta["width"]), int(meta["height"]))
+    return for_inference(model), (int(meta["width"]), int(meta["height"]))
 
 
 def _along(step: Tensor, weights: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,10 @@ import torch
 from torch import nn
 
 from hadr.models.blocks.efficientnet_lite import LiteConfig
+from hadr.models.hand.keypoints import predict_keypoints
+from hadr.models.inference import for_inference
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
+from hadr.models.segmentation import predict_logits
 from hadr.training.presets import preset
 
 WITH_LITE = [kind for kind in DEPTH_NETWORKS if hasattr(NETWORKS[kind].config_class()(), "lite")]
@@ -48,6 +52,47 @@ def test_frames_of_a_batch_do_not_influence_each_other(network: nn.Module, noise
     for number in range(2):
         alone = network(inputs.take(slice(number, number + 1))).depth[0]
         torch.testing.assert_close(alone, both[number], atol=1e-4, rtol=0)
+
+
+def as_if_trained(network: nn.Module) -> nn.Module:
+    """Give normalisations averages and weights of some kind: fresh ones change nothing."""
+    network = deepcopy(network)
+    for norm in network.modules():
+        if isinstance(norm, nn.BatchNorm2d):
+            for values in (norm.weight.data, norm.running_var):
+                values.uniform_(0.5, 1.5)
+            for values in (norm.bias.data, norm.running_mean):
+                values.normal_(std=0.3)
+    return network
+
+
+def count(network: nn.Module, kind: type[nn.Module]) -> int:
+    return sum(isinstance(part, kind) for part in network.modules())
+
+
+@torch.no_grad()
+def test_the_form_for_inference_answers_alike_and_leaves_the_network(network, noise_frames) -> None:
+    network, inputs = as_if_trained(network), noise_frames(72, 128, hand=True)
+    before = {name: value.clone() for name, value in network.state_dict().items()}
+    quick, expected = for_inference(network), network(inputs)
+    transposed = count(quick, nn.ConvTranspose2d)  # their results are cut before it
+    assert count(quick, nn.BatchNorm2d) == min(transposed, count(network, nn.BatchNorm2d))
+    torch.testing.assert_close(quick(inputs).depth, expected.depth, atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(network.state_dict(), before, atol=0, rtol=0)
+
+
+@pytest.mark.parametrize("kind", ["segmentation", "hand-keypoints"])
+@torch.no_grad()
+def test_what_finds_mask_and_hand_answers_alike_for_inference(kind: str, noise_frames) -> None:
+    torch.manual_seed(0)
+    config: Any = preset("tiny", kind).model
+    network = as_if_trained(NETWORKS[kind].network_class()(config).eval())
+    inputs = noise_frames(72, 128)
+    given = (inputs.color,) if kind == "segmentation" else (inputs, inputs.mask)
+    find = predict_logits if kind == "segmentation" else predict_keypoints
+    quick = for_inference(network)
+    assert count(quick, nn.BatchNorm2d) == 0 < count(network, nn.BatchNorm2d)
+    torch.testing.assert_close(find(quick, *given), find(network, *given), atol=1e-4, rtol=1e-4)
 
 
 @torch.no_grad()
