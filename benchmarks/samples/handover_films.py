@@ -2,7 +2,7 @@
 
     python benchmarks/handover/handover_tables.py --out RUNS --only handover
     python benchmarks/samples/handover_films.py RUNS/seed-0 \\
-        success=hadr-plus/0004-904 failure-depth=hadr-plus/0001-901
+        success=hadr-plus/0004-905 failure-depth=hadr-plus/0008-904
 
 Films, each with the picture of the moment that decided it, are drawn from the states of finished
 attempts. Besides the named ones they are of the two attempts that tell kinds of depth apart most

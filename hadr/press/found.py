@@ -259,7 +259,6 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
     }  # fmt: skip
     seeds = read_result_file(results / "mini/handover_seeds.json")
     of = {row["condition"]: row for row in (*file.rows, *seeds.rows)}
-    again = read_result_file(results / "mini/handover_again.json")
 
     def counts(one: str, other: str) -> tuple[int, int, int]:
         shared = of[one]["verdicts"].keys() & of[other]["verdicts"].keys()
@@ -281,12 +280,9 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
             "Simulated robot and hand, grasps of a sampler of our own. The verdict is of HADR; "
             f"with HADR-plus {plus} of {both}, {label} {less} ({chance})."
         )
-        if other == "raw":
-            today = [again.row(condition=c)["successes"] for c in (one, other)]
-            remark += f" Made again with today's guard {today[0]}, {label} {today[1]}."
         if other == "hadr-no-tracking":
             moving = f"{follows['successes']} of {follows['attempts']}"
-            remark += f" Of hands that never rest {moving}, "
+            remark += f" Of hands that never rest, with an older guard, {moving}, "
             remark += f"without following {stays['successes']}."
         yield Claim(
             short, words, place, f"{won} of {count} attempts, {label} {lost}",
