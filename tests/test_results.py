@@ -672,13 +672,10 @@ def test_chapter_13_says_what_came_out_again() -> None:
     of, chapter = attempts_rows(), page_text(CHAPTER_13)
     before = {name: row for name, row in before_the_mend().items() if row["attempts"] > 48}
     assert len(before) == 5
-    won = {
-        name: [of[name]["verdicts"][attempt] for attempt in row["verdicts"]].count("success")
-        for name, row in before.items()
-    }
     older = before["unet-hand"]
+    now = [of["unet-hand"]["verdicts"][attempt] for attempt in older["verdicts"]]
     assert f"it took {older['successes']} glasses, more than any other" in chapter
-    assert f"clearly more than HADR; now {won['unet-hand']}." in chapter
+    assert f"clearly more than HADR; now {now.count('success')}." in chapter
     assert older["successes"] > max(r["successes"] for n, r in before.items() if n != "unet-hand")
     assert paired(older, before["hadr"])[2] < 0.01
     lost, _, chance = paired(older, of["unet-hand"])
@@ -733,6 +730,12 @@ def test_chapter_13_says_what_stops_an_attempt() -> None:
         "of the others {}, {} and {}.".format(*never, *others)
         in chapter
     )
+    for name in ("perfect", "hadr-plus"):  # "the clock ends more than half of the failures"
+        failures = of[name]["failures"]
+        assert failures["time-out"] > sum(failures.values()) / 2
+    words = f"({failures['time-out']} of {sum(failures.values())}), and by glasses that drop "
+    assert f"by the clock, too {words}({failures['drop']})" in chapter
+    assert f"which ends at {100 * of['hadr']['interval'][1]:.1f} %" in chapter  # exercise 13.1
     drops = [of[name]["failures"]["drop"] for name in ("hadr", "perfect")]
     tried = of["hadr"]["attempts"]
     assert f"{drops[0]} of {tried}, where perfect depth has {drops[1]}" in chapter
