@@ -138,8 +138,9 @@ def through_window(forward: Forward) -> Forward:
 
     In training the frames are windows already (`hadr.training.frames.augmentation`). Otherwise the
     network is given each frame's window, and its answer is put back into the frame: interpolated
-    between the pixels that were restored, and restored where the nearest of them is. Then `depth`,
-    `restored` and `clamped` lie in the frame, and all other parts of the answer in the window.
+    between those of the four pixels around that were restored, so that the outline has an answer
+    too, where the window cuts the mask otherwise. Then `depth`, `restored` and `clamped` lie in the
+    frame, and all other parts of the answer in the window.
     ValueError where rays or true depth are given, too.
     """
 
@@ -164,19 +165,20 @@ def through_window(forward: Forward) -> Forward:
             name: blank.index_put(where, values)
             for name, values in zip(names, found.unbind(dim=1), strict=False)
         }
-        marks = {name: image > 0 for name, image in images.items() if name != "depth"}
+        marks = {name: image > 0.5 for name, image in images.items() if name != "depth"}
         return replace(answer, depth=images["depth"], **marks)
 
     return look  # type: ignore[return-value]
 
 
 def _put_back(crop: HandCrop, parts: Tensor, rays: Tensor) -> Tensor:
-    """Look up depth, restored (and clamped), (B, 2 or 3, S, S), at the frames' pixels, (R, 3)."""
-    depth, restored = parts[:, :1], parts[:, 1:2]
-    sums, weight = crop.look_up(torch.cat((depth * restored, restored), dim=1), rays).unbind(dim=1)
-    at = crop.place(rays[:, [2, 1]].to(parts.dtype), rays[:, 0]).round().long()
-    within = ((at >= 0) & (at < crop.size)).all(dim=1)
-    column, row = at.clamp(0, crop.size - 1).unbind(dim=1)
-    near = parts[rays[:, 0], 1:, row, column] * within[:, None]  # (rays, 1 or 2)
-    value = sums / weight.clamp(min=1e-3) * near[:, 0]
-    return torch.cat((value[:, None], near), dim=1)
+    """Look up depth, restored (and clamped), (B, 2 or 3, S, S), at the frames' pixels, (R, 3).
+
+    Each is the mean of those of the four pixels around it that are restored; 0 where none is.
+    """
+    weighed = torch.cat((parts[:, :1] * parts[:, 1:2], parts[:, 1:]), dim=1)
+    sums = crop.look_up(weighed, rays)  # (rays, 2 or 3)
+    at = crop.place(rays[:, [2, 1]].to(parts.dtype), rays[:, 0])
+    within = ((at > -0.5) & (at < crop.size - 0.5)).all(dim=1, keepdim=True)
+    weight = sums[:, 1:2]
+    return sums / weight.clamp(min=1e-3) * (within & (weight > 1e-3))

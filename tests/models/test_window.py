@@ -143,6 +143,20 @@ def test_the_answer_comes_back_to_the_frame(size: int) -> None:
     assert not bool(answer.depth[~frame.mask].any())
 
 
+def test_a_round_outline_is_restored_to_its_last_pixel() -> None:
+    frame = wall()
+    row, column = torch.meshgrid(torch.arange(HEIGHT), torch.arange(WIDTH), indexing="ij")
+    disc = (row - HEIGHT / 2) ** 2 + (column - WIDTH / 2) ** 2 < (HEIGHT / 3) ** 2
+    frame = replace(frame, mask=disc[None])
+    config = WindowConfig(size=40, margin=1.3)
+    answer = Echo(config).eval()(frame)
+    assert torch.equal(answer.restored, frame.mask)
+    # At the outline a pixel takes the depth of one that is a window's pixel beside it at most.
+    pixel = float(lay_windows(frame, config).step.max())
+    error = float((answer.depth - frame.depth)[frame.mask].abs().max())
+    assert error <= 0.004 * 1.5 * pixel
+
+
 def test_a_hole_in_the_answer_stays_one_and_draws_nothing_to_zero() -> None:
     frame = wall(slope=0.0)
     answer = Echo(WindowConfig(size=90, margin=1.5), without=34.0).eval()(frame)
