@@ -128,9 +128,10 @@ def losses_with_border(
     terms = hadr_losses(output, true_depth, intrinsics, *args, **further)
     stride: int = further.get("ray_stride", 1)
     rays = output.rays
+    row, column = (rays[0, 1:] % stride).tolist()  # every n-th, from a place by chance
     cell = (rays[:, 0], rays[:, 1] // stride, rays[:, 2] // stride)
-    depth = true_depth[:, ::stride, ::stride]
-    truth = image_points(true_depth, intrinsics)[:, ::stride, ::stride]
+    depth = true_depth[:, row::stride, column::stride]
+    truth = image_points(true_depth, intrinsics)[:, row::stride, column::stride]
     apart, known = normals_apart(truth.index_put(cell, output.points), truth, depth > 0)
     mask = torch.zeros_like(depth, dtype=torch.bool).index_put(cell, output.chosen >= 0)
     return replace(terms, normals=mean_where(apart / 2, known & mask[:, :-1, :-1]))
@@ -347,13 +348,18 @@ BENCHES = {
 }
 
 
+def recipe_of(bench: Bench, change: Change, epochs: int) -> Preset:
+    """Give a row's recipe."""
+    return replace(changed(bench.recipe, change.fields), epochs=epochs)
+
+
 def rows_of(
     bench: Bench, epochs: int, known: list[dict[str, Any]], frames: Frames
 ) -> Iterator[Any]:
     """Run what is not known, and give all rows each time there is one more."""
     rows = list[dict[str, Any]]()
     for change, seed in bench.runs:
-        recipe = replace(changed(bench.recipe, change.fields), epochs=epochs)
+        recipe = recipe_of(bench, change, epochs)
         same = {"turned": change.turned, "seed": seed, "recipe": plain(recipe.to_dict())}
         row = next((row for row in known if same.items() <= row.items()), None)
         fresh = row is None
@@ -391,7 +397,8 @@ def main() -> None:
         )
     epochs = args.epochs or bench.epochs
     kept = read_result_file(args.json).rows if args.json.exists() else ()
-    known = [row for row in kept if "turned" in row]  # not those of an earlier form
+    recipes = [plain(recipe_of(bench, change, epochs).to_dict()) for change, _ in bench.runs]
+    known = [row for row in kept if row.get("recipe") in recipes]  # not those of an earlier form
     about = {**provenance(), "threads": 1, **frames.origin()}
     for rows in rows_of(bench, epochs, known, frames):
         write_result_file(args.json, bench.what.format(epochs), rows, about)

@@ -84,7 +84,9 @@ def predict_logits(model: SegmentationNet, color: Tensor) -> Tensor:
             logits: Tensor = model(color)
             return logits
         logits, _ = _seen_by(model, whole_windows(color, view.size), color)
-        again, within = _seen_by(model, _around(logits[:, 0] > 0, view), color)
+        found = logits[:, 0] > 0  # (B, H, W)
+        again, within = _seen_by(model, _around(found, view), color)
+        within = within & found.any(dim=(1, 2), keepdim=True)
         return torch.where(within[:, None], again, logits)
 
 

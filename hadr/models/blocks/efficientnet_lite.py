@@ -34,7 +34,8 @@ class LiteConfig:
     Args:
         stages: How many stages there are, 1 to 4: strides 4, 8, 16 and 32. With three it has 0.7 M
             weights, with four 3.0 M.
-        pretrained: Begin with ImageNet's weights; else with random ones.
+        pretrained: Begin with ImageNet's weights, or (False) with random ones; None where they
+            come from a file and began with ImageNet's.
         frozen: So many of the first stages never learn, which saves their backward pass.
 
     Raises:
@@ -42,7 +43,7 @@ class LiteConfig:
     """
 
     stages: int = 3
-    pretrained: bool = True
+    pretrained: bool | None = True
     frozen: int = 1
 
     def __post_init__(self) -> None:
@@ -122,8 +123,8 @@ class EfficientNetLite0(nn.Module):
     """From colour (B, 3, H, W) to one map a stage: strides 4, 8, 16 and 32, channels `CHANNELS`.
 
     Pictures are filled up with zeros on the right and below to multiples of the last stride. Batch
-    normalisation keeps its running statistics also in training: batches here are small, and their
-    frames alike.
+    normalisation keeps ImageNet's statistics also in training: batches here are small, and their
+    frames alike. Random weights have none; there it goes by the batch, and learns them.
 
     Raises:
         ImportError: Weights are asked for and the package is not installed.
@@ -133,6 +134,7 @@ class EfficientNetLite0(nn.Module):
     def __init__(self, config: LiteConfig) -> None:
         super().__init__()
         self.stages = config.stages
+        self.keeps_statistics = config.pretrained is not False
         self.stem = nn.Sequential(*_layer(3, 32, 3, 2, left=0), nn.ReLU6())
         channels, halved = 32, 1
         parts: list[nn.Module] = []
@@ -147,17 +149,23 @@ class EfficientNetLite0(nn.Module):
         self.rows = nn.ModuleList(parts)
         if config.pretrained:
             load_imagenet(self)
+        for norm in self._norms() if config.pretrained is False else ():
+            norm.momentum = 0.1  # at ImageNet's 0.01 a short training does not get to the end
         if config.frozen:
             still = [self.stem, *parts[: ENDS[config.frozen - 1] + 1]]
             nn.ModuleList(still).requires_grad_(False)
 
     def train(self, mode: bool = True) -> EfficientNetLite0:
-        """Set the mode; batch normalisation stays as it is in evaluation."""
+        """Set the mode; batch normalisation that has ImageNet's statistics stays in evaluation."""
         super().train(mode)
-        for part in self.modules():
-            if isinstance(part, nn.modules.batchnorm._BatchNorm):  # one shared by processes, too
-                part.training = False
+        if self.keeps_statistics:
+            for norm in self._norms():
+                norm.training = False
         return self
+
+    def _norms(self) -> list[nn.modules.batchnorm._BatchNorm]:
+        norm = nn.modules.batchnorm._BatchNorm  # one shared by processes, too
+        return [part for part in self.modules() if isinstance(part, norm)]
 
     def forward(self, color: Tensor, *, half: bool = False) -> list[Tensor]:
         """Compute the maps of sRGB in 0..1, and first of all with `half` that of stride 2."""
