@@ -5,10 +5,10 @@
 
 Each run is a rehearsal on the arm without physics, of another of 48 holds on which the handover's
 settings were found: a hand that swings, and one to three faults of perception, robot or person that
-begin and end at random. The judge shares nothing with the guard:
-speeds are finite differences of the recorded joints, the arm is the surface that pictures show, the
-person the skin of the same pictures, where they truly are. It does not ask for distances while the
-object is carried away from the hand. Runs that are in the file are not made again.
+begin and end at random. The judge shares the arm's kinematics and the gripper's sizes with the
+guard: speeds are finite differences of the recorded joints, the arm is the surface that pictures
+show, the person the skin of the same pictures, where they truly are. It does not ask for distances
+while the object is carried away from the hand. Runs that are in the file are not made again.
 """
 
 from __future__ import annotations

@@ -24,6 +24,8 @@ from hadr.handover.poses import pose_distance
 
 FAR_FROM_GOAL = 0.02
 """The final move waits for a tool that is farther behind than this, metres."""
+KEEPS_UP = 2.0
+"""To follow a hand that moves, the tool may be so many times as fast as it goes in."""
 BLOCKED_TIME = 1.0
 """So long it stands where the hand is in the rest of its way, but not near, seconds."""
 DRAW_BACK = 0.03
@@ -111,12 +113,12 @@ class Advance:
         soon = forward_of(target, min(self._end, self.travelled + safety.LOOK_AHEAD))
         later = [forward_of(target, s) for s in np.linspace(self.travelled, self._end, 4)]
         near = [arm.reading.tool, here, soon]
-        factor = arm.allowed(near, safety.GRASP_DISTANCE, c.advance_speed)
-        factor *= self._free_later(later, dt)
+        most = KEEPS_UP * c.advance_speed
+        factor = arm.allowed(near, safety.GRASP_DISTANCE, most) * self._free_later(later, dt)
         if pose_distance(arm.reading.tool, here)[0] < FAR_FROM_GOAL:
-            self.travelled = min(self._end, self.travelled + factor * c.advance_speed * dt)
+            self.travelled = min(self._end, self.travelled + self._slow(factor) * dt)
         here = forward_of(target, self.travelled)
-        arm.go(here, 2 * c.advance_speed, dt, factor=factor)
+        arm.go(here, most, dt, factor=factor)
         arrived = pose_distance(arm.reading.tool, here)[0] < stages.ARRIVE_DISTANCE
         met = self._met_at()
         if met is not None:
@@ -135,6 +137,10 @@ class Advance:
         if self.travelled >= self._end and arrived and not self._farther(target):
             return here
         return None
+
+    def _slow(self, factor: float) -> float:
+        """The speed on the way in, m/s, where the tool may have a part of `KEEPS_UP` times it."""
+        return min(1.0, factor * KEEPS_UP) * self.arm.config.advance_speed
 
     def _free_later(self, path: list[Array], dt: float) -> float:
         """1 where the rest of the way is free; else 0 for a while, as keypoints err for a while."""
@@ -197,12 +203,12 @@ class Advance:
         arm, c = self.arm, self.arm.config
         assert self._back_to is not None
         soon = forward_of(target, max(self._back_to, self.travelled - safety.LOOK_AHEAD))
-        factor = 1.0
+        factor, most = 1.0, KEEPS_UP * c.advance_speed
         if arm.nearer(soon):
-            factor = arm.allowed([soon], safety.GRASP_DISTANCE, c.advance_speed)
-        self.travelled = max(self._back_to, self.travelled - factor * c.advance_speed * dt)
+            factor = arm.allowed([soon], safety.GRASP_DISTANCE, most)
+        self.travelled = max(self._back_to, self.travelled - self._slow(factor) * dt)
         here = forward_of(target, self.travelled)
-        arm.go(here, 2 * c.advance_speed, dt, factor=factor)
+        arm.go(here, most, dt, factor=factor)
         near = pose_distance(arm.reading.tool, here)[0] < stages.ARRIVE_DISTANCE
         if self.travelled <= self._back_to and near:
             self.aside += self._side
@@ -238,7 +244,7 @@ class Retrieval:
     def begin(self, now: float, pose: Array) -> None:
         """Tell the fingers to close at a tool pose (4, 4), as far as the object lets them."""
         self._pose, self._travelled = pose, 0.0
-        self.arm.alone = False
+        self.arm.alone = self.arm.closed = False
         self.arm.robot.set_gripper(0.0, stages.GENTLE_FORCE)
         self._still = (now, self.arm.reading.width)
         self.enter("close", now)
@@ -252,11 +258,20 @@ class Retrieval:
         arm, c = self.arm, self.arm.config
         if self.part == "close":
             arm.go(self._pose, c.advance_speed, dt)
+            if arm.free() < -2 * c.human_uncertainty:  # it is around what the hand holds
+                raise HaltError(f"hand {-1000 * arm.free():.0f} mm within the gripper", back=True)
             if abs(arm.reading.width - self._still[1]) > STILL:
                 self._still = (now, arm.reading.width)
-            if now - self._still[0] >= STILL_FOR or now - self._since > stages.CLOSE_TIMEOUT:
+            late = now - self._since > stages.CLOSE_TIMEOUT
+            if now - self._still[0] >= STILL_FOR or late:
                 self._check_held("the fingers closed on nothing")
-                self.enter("let go", now)
+                if arm.reading.press > safety.PRESSED:
+                    arm.closed = True
+                    self._together = arm.reading.tool[:3, 3], arm.watch.last
+                    self.enter("let go", now)
+                elif late:
+                    apart = f"stand {1000 * arm.reading.width:.0f} mm apart and press on nothing"
+                    raise HaltError(f"the fingers {apart}", back=True)
             return False
         slipped, dropped = "slipped out of the fingers", "was dropped on the way back"
         self._check_held(f"the object {slipped if self.part == 'let go' else dropped}")
@@ -273,7 +288,7 @@ class Retrieval:
             factor = arm.leaving(*arm.ahead(goal), speed=c.advance_speed, now=now)
             self._travelled = min(stages.RETREAT, held + factor * c.advance_speed * dt)
             goal = forward_of(self._pose, -self._travelled)
-            arm.go(goal, 2 * c.advance_speed, dt)
+            arm.go(goal, c.advance_speed, dt, factor=factor)
             if held < stages.ALONE_AFTER <= self._travelled:
                 arm.robot.set_gripper(0.0, stages.FIRM_FORCE)
                 arm.alone = True
@@ -295,17 +310,37 @@ class Retrieval:
         return ""
 
     def _pulled(self, now: float) -> bool:
-        """Whether somebody pulls at the object; the wait for the hand to let go begins anew."""
+        """Whether somebody pulls at the object, or goes along with it.
+
+        The wait for the hand to let go begins anew.
+        """
         pull = safety.hand_pull(self.arm.wrench()[:3])
-        if pull <= safety.HAND_PULL:
+        words = f"somebody pulls at the object with {pull:.1f} N" * (pull > safety.HAND_PULL)
+        words = words or self._in_tow()
+        if not words:
             self._pulled_from = now
             return False
-        words = f"somebody pulls at the object with {pull:.1f} N"
         if now - self._pulled_from > stages.PULL_TIME:
             raise HaltError(words, back=True)
         self.arm.caution = words
         self._since = now
         return True
+
+    def _in_tow(self) -> str:
+        """Say that the hand has come along with the fingers since they closed; or nothing.
+
+        Nobody need pull hard for that.
+        """
+        arm, hand = self.arm, self.arm.watch.keypoints
+        tool, then = self._together
+        way = arm.reading.tool[:3, 3] - tool
+        length = float(np.linalg.norm(way))
+        if hand is None or then is None or length < safety.TOWED:
+            return ""
+        behind = np.linalg.norm((hand - then).mean(axis=0) - way)
+        if behind > safety.TOWED / 2:
+            return ""
+        return f"the hand has come along by {100 * length:.0f} cm: it holds the object"
 
     def _check_held(self, words: str) -> None:
         width = self.arm.reading.width

@@ -16,7 +16,7 @@ import numpy as np
 
 from hadr.camera import Array
 from hadr.handover import safety, ur5
-from hadr.handover.grasping.collision import hand_gaps
+from hadr.handover.grasping.collision import hand_distance, hand_gaps
 from hadr.handover.observation import HandWatch
 from hadr.handover.poses import between, pose_distance, toward
 from hadr.handover.robot import Robot
@@ -24,6 +24,8 @@ from hadr.handover.stages import ARRIVE_ANGLE, ARRIVE_DISTANCE, CRAWL_SPEED, Han
 
 NO_NEARER = 0.004
 """Beside a hand that touches the gripper the arm may move, but not nearer by more, metres."""
+ALIKE = 0.001
+"""A way off a hand that leads no nearer than this, metres, leads no nearer."""
 UNSEEN = 0.5
 """Part of the speed on the ways back while the camera shows no hand."""
 SOON = 0.1
@@ -62,8 +64,8 @@ class GuardedArm:
     """A robot with a reference that runs before it; poses (4, 4) in metres, base frame.
 
     `reading` is what it said at the start of this step, `home` where the tool was at the start;
-    `caution` says why it is slower than it could be; `alone` is True once the gripper alone holds
-    the object.
+    `caution` says why it is slower than it could be; `closed` is True once the fingers have closed
+    around the object, `alone` once the gripper alone holds it.
     """
 
     robot: Robot
@@ -72,6 +74,7 @@ class GuardedArm:
     reading: Reading = field(init=False)
     home: Array = field(init=False)
     caution: str = field(default="", init=False)
+    closed: bool = field(default=False, init=False)
     alone: bool = field(default=False, init=False)
     _reference: Array | None = field(default=None, init=False)
     _holding: bool = field(default=False, init=False)
@@ -153,21 +156,20 @@ class GuardedArm:
     def leaving(self, *path: Array, speed: float, now: float) -> float:
         """Part of a speed on a way off the hand, over tool poses: `UNSEEN` where none is seen.
 
-        HaltError where it leads into the hand, nearer to one within `NO_NEARER`, or near to where
-        one was last seen.
+        HaltError where it leads to within `safety.GRASP_DISTANCE` of the hand, nearer to one within
+        `NO_NEARER`, or near to where one was last seen.
         """
         watch = self.watch
         trouble = watch.trouble(now) or watch.problem
-        if self.nearer(*path):
-            here, there = (self.free(*poses, hand=watch.last) for poses in ((), path))
-            if here > NO_NEARER and not trouble:
-                return self.allowed(path, 0.0, speed)
-            if here <= NO_NEARER or there < safety.APPROACH_DISTANCE:
-                where = f"{1000 * there:.0f} mm from the gripper's path"
-                seen = f"hand {where}, and the way leads nearer"
-                raise HaltError(
-                    f"the hand was last seen {where}; {trouble}" if trouble else seen, back=True
-                )
+        here, there = (self.free(*poses, hand=watch.last) for poses in ((), path))
+        if not trouble and here > NO_NEARER and there < min(here - ALIKE, safety.APPROACH_DISTANCE):
+            return self.allowed(path, min(here, safety.GRASP_DISTANCE), speed)
+        if self.nearer(*path) and (here <= NO_NEARER or there < safety.APPROACH_DISTANCE):
+            where = f"{1000 * there:.0f} mm from the gripper's path"
+            seen = f"hand {where}, and the way leads nearer"
+            raise HaltError(
+                f"the hand was last seen {where}; {trouble}" if trouble else seen, back=True
+            )
         self.caution = trouble
         return UNSEEN if trouble else 1.0
 
@@ -196,11 +198,11 @@ class GuardedArm:
 
     @property
     def around_something(self) -> bool:
-        """True where both fingers press, or the gripper alone holds and they are kept apart.
+        """True where both fingers press, or have closed and are kept apart.
 
         A width that is no number counts as apart: what cannot be known to be lost is not dropped.
         """
-        apart = self.alone and not self.reading.width <= safety.HELD_MARGIN
+        apart = self.closed and not self.reading.width <= safety.HELD_MARGIN
         return apart or self.reading.press > safety.PRESSED
 
     def free(self, *path: Array, width: float | None = None, hand: Array | None = None) -> float:
@@ -211,6 +213,11 @@ class GuardedArm:
         """
         hand = self.watch.keypoints if hand is None else hand
         return np.inf if hand is None else float(self._gaps(path, width, hand).min())
+
+    def may_hold(self, hand: Array) -> bool:
+        """Whether a hand (21, 3) is near enough to the gripper to hold what that carries."""
+        reading = self.reading
+        return hand_distance(reading.tool, reading.width, hand) <= safety.AT_THE_GLASS
 
     def _gaps(self, path: Sequence[Array], width: float | None, hand: Array) -> Array:
         """What `free` is the least of: the space to each ball of the person, metres, (m,)."""

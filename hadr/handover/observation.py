@@ -75,7 +75,7 @@ def _points(points: npt.ArrayLike | None) -> Array | None:
         return None
     try:
         cloud = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError):
+    except safety.NOT_NUMBERS:
         return None
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         return None
@@ -142,8 +142,9 @@ class HandWatch:
         self._in_camera = in_camera
         in_base = transform_points(self.base_from_camera, in_camera)
         middle: Array = in_base.mean(axis=0)
-        if self._path:
-            since, moved = taken - self._path[-1][0], np.linalg.norm(middle - self.middle)
+        if self.last is not None:
+            since = taken - self._path[-1][0]
+            moved = float(np.linalg.norm(in_base - self.last, axis=1).max())  # by turning, too
             if moved > NEAR_HAND + FASTEST_HAND * since:
                 self.problem = f"the hand jumped {100 * moved:.0f} cm within {since:.2f} s"
                 return True
@@ -176,6 +177,10 @@ class HandWatch:
             return None
         times = np.array([p[0] for p in recent])
         return safety.line_velocity(times, np.stack([p[1] for p in recent]))
+
+    def forget(self, problem: str) -> None:
+        """Take the newest hand for unknown until there is another picture."""
+        self.keypoints, self.problem = None, problem
 
     def blind(self, now: float) -> str:
         """Say that at a time in seconds nothing comes from the camera, or always the same."""

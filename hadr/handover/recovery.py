@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 
 from hadr.camera import Array
 from hadr.handover import safety
-from hadr.handover.grasping.collision import hand_distance
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.poses import between, pose_distance
@@ -65,8 +64,9 @@ class Recovery:
             leaves = self._back > 0 and (pulled or not holds)
             if leaves:
                 arm.release()
-                arm.alone = False
-                if not holds and self._opening and arm.free(width=self._opening) < min(free, 0.0):
+                arm.alone = arm.closed = False
+                here, wide = (arm.free(width=w, hand=watch.last) for w in (None, self._opening))
+                if not holds and wide < min(here, 0.0):
                     self._opening = None  # they would open into the hand, and hold nothing
                 if self._opening is not None:
                     arm.robot.set_gripper(self._opening, GENTLE_FORCE)
@@ -101,12 +101,9 @@ class Recovery:
         A hand that is seen holds it from near the gripper, a hand beside another link does not; one
         that is not seen, until the gripper alone does.
         """
-        reading, hand = self.arm.reading, self.arm.watch.keypoints
-        if hand is None:
-            taken = not self.arm.alone
-        else:
-            taken = hand_distance(reading.tool, reading.width, hand) <= safety.AT_THE_GLASS
-        return taken and safety.hand_pull(reading.wrench[:3]) > safety.HAND_PULL
+        arm, hand = self.arm, self.arm.watch.keypoints
+        taken = not arm.alone if hand is None else arm.may_hold(hand)
+        return taken and safety.hand_pull(arm.reading.wrench[:3]) > safety.HAND_PULL
 
     def stay(self, now: float) -> None:
         """Back off no farther; stand and wait for the cause to go."""

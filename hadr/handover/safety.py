@@ -36,6 +36,8 @@ PRESSED = 0.5
 """Fingers that press harder are around something, newtons."""
 AT_THE_GLASS = 0.05
 """A hand farther from the gripper than this, metres, does not hold what it carries."""
+TOWED = 0.05
+"""A hand that has come along with the closed gripper so far, metres, still holds the object."""
 PALM = (0.03, 0.20)
 """Shortest and longest way from wrist to the middle finger's knuckle, metres."""
 THINNEST_HAND = 0.002
@@ -72,13 +74,15 @@ OBJECT_NEAR = 0.05
 """The object's points are in the hand if one is this near to its bones, metres."""
 HELD_MARGIN = 0.003
 """Closed fingers that stay farther apart than this, metres, hold something."""
+NOT_NUMBERS = (TypeError, ValueError, OverflowError, RuntimeError)
+"""What NumPy and PyTorch raise where something can't be made an array of floats."""
 
 
 def hand_problem(keypoints: npt.ArrayLike) -> str:
     """Say what is wrong with anything that is no hand (21, 3) in the camera frame, metres."""
     try:
         points = check_keypoints(keypoints)
-    except (TypeError, ValueError) as error:
+    except NOT_NUMBERS as error:
         return str(error)
     farthest = float(np.abs(points).max())
     if farthest > FARTHEST_HAND:

@@ -16,6 +16,8 @@ HOME_JOINTS: Array = np.deg2rad([5.99, -130.74, 121.43, 9.32, 95.99, 0.0])
 
 WORKSPACE = (-0.85, -0.85, 0.05), (1.0, 0.85, 1.1)
 """The box in the base frame that the tool point may not leave: two corners, metres."""
+SOFT = 0.001
+"""The fingers' pads press on what is narrower by so much than they are apart, metres."""
 TABLE = 0.03
 """Height that no part of the arm beyond the shoulder may go below, metres."""
 TOOL_SPEED = 0.25
@@ -219,7 +221,7 @@ class SimulatedUR5:
 
     def finger_force(self) -> float:
         """Return the fingers' force, newtons, where something keeps them from closing."""
-        pressed = self._target_opening < self._opening <= self.between_fingers + 1e-9
+        pressed = self._target_opening < self._opening <= self.between_fingers + SOFT
         return self._force if pressed else 0.0
 
     def tool_wrench(self) -> Array:

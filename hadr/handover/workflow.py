@@ -110,6 +110,8 @@ class Handover:
         jump = self._tick(observation.time, dt)
         taken = observation.taken + self._offset
         new = not jump and self.watch.look(replace(observation, frame_time=taken), self.time)
+        if jump:  # who knows for how long
+            self.watch.forget(jump)
         if self.watch.keypoints is not None:
             self._first_seen = min(self._first_seen, self.time)
         self.arm.read()
@@ -145,9 +147,7 @@ class Handover:
             raise HaltError(f"protective stop: {halted}", back=True)
         if self.stage is Stage.GOING_HOME:
             self._go_home(dt)
-        elif (
-            self.stage is not Stage.GRASP_AND_RETRIEVE and self.time - self._first_seen > c.patience
-        ):
+        elif self._may_leave and self.time - self._first_seen > c.patience:
             self._leave(f"no handover within {c.patience:.0f} s", observation)
         elif self.stage is Stage.STOPPED:
             self._recover(observation, dt)
@@ -160,6 +160,11 @@ class Handover:
             else:
                 self._grasp_and_retrieve(new, dt)
             self.caution = self.caution or self.arm.caution
+
+    @property
+    def _may_leave(self) -> bool:
+        """Whether the robot may run out of patience: not while it takes or holds an object."""
+        return not (self.stage is Stage.GRASP_AND_RETRIEVE or self.arm.around_something)
 
     # Wait & Observe
 
@@ -190,7 +195,7 @@ class Handover:
         self._away = way / max(float(np.linalg.norm(way)), 1e-9)
         self._arrived: tuple[float, Array] | None = None
         self._there_since: float | None = None
-        self.arm.alone = False
+        self.arm.alone = self.arm.closed = False
         self.robot.set_gripper(chosen.width, stages.GENTLE_FORCE)
 
     # Approach & React

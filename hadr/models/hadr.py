@@ -74,7 +74,7 @@ class HADRConfig(NetworkConfig):
         view: Look at a window around hand and glass; None looks at the whole picture.
         lite: An EfficientNet-Lite0 in the Swin Transformer's place.
         voxel_relu: End the voxel encoder's two layers on voxels in a ReLU, as the published code
-            does and the bundled networks don't (ledger, row 28).
+            does and the networks of preset `mini` don't (ledger, row 28).
 
     Raises:
         ValueError: `hand` is unknown.

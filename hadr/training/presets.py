@@ -363,7 +363,7 @@ RECIPES: tuple[Preset, ...] = (
 
 
 def preset(name: str, network: str = "hadr") -> Preset:
-    """Give the recipe "tiny", "mini" or "paper" of a network.
+    """Give the recipe "tiny", "mini", "imagenet" or "paper" of a network.
 
     ValueError where there is no such recipe, or no such network.
     """

@@ -317,15 +317,66 @@ def test_a_hand_in_front_lets_it_draw_back() -> None:
     assert (tool[:3, 3] - robot.tool_pose()[:3, 3]) @ tool[:3, 2] > 0.005
 
 
-def test_a_thin_stem_that_both_fingers_press_is_held() -> None:
+@pytest.mark.parametrize("moved", [0.0, 0.03])
+def test_the_tool_is_no_faster_than_the_hand_beside_it_allows(
+    moved: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the pre-grasp has moved with the hand, and the tool has to catch up."""
     robot, advance, start = advancing(PLAIN)
-    robot.between_fingers = 0.002
+    side = start[:3, 0]
+    spot = forward_of(start, 0.05)[:3, 3] + (0.0525 + 0.020 + 0.011) * side
+    put_hand(advance, spot, side)
+    allowed: list[float] = []
+    ask = GuardedArm.allowed
+
+    def heard(arm: GuardedArm, near: list[np.ndarray], least: float, speed: float) -> float:
+        factor = ask(arm, near, least, speed)
+        allowed.append(factor * speed)
+        return factor
+
+    monkeypatch.setattr(GuardedArm, "allowed", heard)
+    aside = forward_of(start, -moved)
+    aside[:3, 3] += moved * start[:3, 1]
+    places = [robot.tool_pose()[:3, 3]]
+    for number in range(90):
+        step(advance, aside if number > 60 else start)
+        places.append(robot.tool_pose()[:3, 3])
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / DT
+    assert min(allowed) < 0.06 < 0.1 == PLAIN.advance_speed  # the hand is what slows it
+    assert (speeds <= 1.02 * np.array(allowed) + 1e-6).all()
+
+
+def closing(robot: Touching, advance: Advance, start: np.ndarray) -> Retrieval:
+    """Close the fingers, up to the part that follows."""
     retrieval, now = Retrieval(advance.arm), 0.0
     retrieval.begin(now, start)
     while retrieval.part == "close":
         advance.arm.read()
         retrieval.step(now, DT)
         now += DT
+    return retrieval
+
+
+def test_fingers_that_are_stuck_hold_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, advance, start = advancing(PLAIN)
+    monkeypatch.setattr(robot, "_move_fingers", lambda dt: None)
+    with pytest.raises(HaltError, match="apart and press on nothing"):
+        closing(robot, advance, start)
+
+
+def test_fingers_do_not_close_around_a_hand() -> None:
+    robot, advance, start = advancing(PLAIN)
+    robot.between_fingers = 0.06
+    put_hand(advance, start[:3, 3] - 0.02 * start[:3, 2], start[:3, 0])
+    with pytest.raises(HaltError, match="within the gripper"):
+        closing(robot, advance, start)
+    assert robot.gripper_width() > 0.08
+
+
+def test_a_thin_stem_that_both_fingers_press_is_held() -> None:
+    robot, advance, start = advancing(PLAIN)
+    robot.between_fingers = 0.002
+    retrieval, now = closing(robot, advance, start), 1.0
     assert retrieval.part == "let go"
     robot.between_fingers = 0.0
     for _ in range(10):

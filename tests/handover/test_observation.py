@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+import torch
 
 from hadr.handover.observation import HandWatch, Observation, cleaned
+from hadr.handover.safety import FROZEN_FRAMES
+from hadr.handover.tracking import HandFilter
 from hadr.simulation.trials.rehearsal import rehearsed_scene
 
 SCENE = rehearsed_scene()
@@ -87,7 +92,7 @@ def test_five_pictures_a_second_give_a_speed_and_an_age_too() -> None:
     assert watch.age == pytest.approx(0.15)
 
 
-@pytest.mark.parametrize("jump", [0.12, 0.3, 0.5])
+@pytest.mark.parametrize("jump", [0.12, 0.3, 0.49])
 def test_a_hand_that_jumps_is_doubted_until_it_could_be_there(jump: float) -> None:
     watch = HandWatch(np.eye(4))
     doubted = 0
@@ -104,3 +109,34 @@ def test_a_hand_that_jumps_is_doubted_until_it_could_be_there(jump: float) -> No
     for k in range(4):  # and once in a picture only: back at once
         watch.look(Observation(1.2 + 0.1 * k, noisy(k) + away + jump * (k == 1)), 1.2 + 0.1 * k)
         assert (watch.keypoints is None) == (k == 1)
+
+
+def test_a_hand_that_turns_faster_than_hands_do_is_doubted() -> None:
+    watch = HandWatch(np.eye(4))
+    for k in range(4):
+        watch.look(Observation(0.1 * k, noisy(k)), 0.1 * k)
+    middle = noisy(4).mean(axis=0)
+    turned = (noisy(4) - middle) @ np.diag([-1.0, -1.0, 1.0]) + middle
+    watch.look(Observation(0.4, turned), 0.4)
+    assert watch.keypoints is None
+    assert "the hand jumped" in watch.problem
+
+
+@pytest.mark.parametrize(
+    "odd", [[[10**400] * 3] * 21, torch.ones(21, 3, requires_grad=True)], ids=["huge", "tensor"]
+)
+def test_what_is_no_array_of_numbers_is_named_and_raises_nothing(odd: Any) -> None:
+    watch = HandWatch(np.eye(4))
+    found = cleaned(Observation(0.0, odd, object_points=odd))
+    assert found.object_points is None
+    assert watch.look(found, 0.0)
+    assert watch.keypoints is None
+    assert watch.problem
+
+
+def test_a_camera_that_hangs_is_seen_behind_the_filter_too() -> None:
+    watch, steadies = HandWatch(np.eye(4)), HandFilter()
+    for k in range(20):
+        taken = 0.1 * k
+        watch.look(Observation(taken, steadies.steadied(taken, noisy(min(k, 10)))), taken)
+        assert ("frozen" in watch.blind(taken)) == (k >= 10 + FROZEN_FRAMES - 1)

@@ -1,5 +1,7 @@
 """After a stop: the arm leaves a hand that it is pressed against, and one that stays too near."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation
 from hadr.handover.recovery import Recovery
 from hadr.handover.robot import UNLOCK_AFTER
+from hadr.handover.safety import GRASP_DISTANCE
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import ARRIVE_DISTANCE, BACK_OFF, ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.workflow import Handover
@@ -137,7 +140,7 @@ class HoldingUR5(SimulatedUR5):
 def holding(watched: Watched, *, seconds: float) -> float:
     """The fingers' width so long after a stop while the gripper alone holds, metres."""
     robot = watched.arm.robot
-    watched.arm.alone = True
+    watched.arm.alone = watched.arm.closed = True
     recovery = Recovery(watched.arm)
     recovery.begin(watched.look(), back=BACK_OFF, opening=0.085, straight=False)
     for _ in range(round(seconds / DT)):
@@ -172,8 +175,12 @@ def test_fingers_that_say_no_number_do_not_drop_what_they_hold() -> None:
     assert holding(watched, seconds=2.0) == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize(("gap", "opens"), [(0.010, False), (0.060, True)])
-def test_empty_fingers_do_not_open_into_a_hand_beside_them(gap: float, opens: bool) -> None:
+@pytest.mark.parametrize(
+    ("gap", "opens", "seen"), [(0.010, False, True), (0.010, False, False), (0.060, True, True)]
+)
+def test_empty_fingers_do_not_open_into_a_hand_beside_them(
+    gap: float, opens: bool, seen: bool
+) -> None:
     robot = SimulatedUR5()
     robot._opening = robot._target_opening = 0.005
     watched = Watched(robot)
@@ -184,13 +191,38 @@ def test_empty_fingers_do_not_open_into_a_hand_beside_them(gap: float, opens: bo
             break
     recovery = Recovery(watched.arm)
     recovery.begin(watched.look(), back=BACK_OFF, opening=0.085, straight=True)
+    if not seen:
+        hidden = watched.seen
+        watched.seen = lambda: replace(hidden(), keypoints=None)  # type: ignore[method-assign]
     least = np.inf
     for _ in range(80):
         now = watched.look()
-        least = min(least, watched.arm.free())
+        least = min(least, watched.arm.free(hand=watched.hand))
         recovery.step(now, DT)
     assert least > 0
     assert (robot.gripper_width() > 0.08) is opens
+
+
+def test_the_way_home_leaves_room_to_a_hand_that_it_passes() -> None:
+    robot = SimulatedUR5()
+    home = robot.tool_pose()
+    away = home.copy()
+    away[:3, 3] -= 0.1 * home[:3, 2]
+    for _ in range(120):
+        robot.servo_to(away, DT)
+    watched = Watched(robot)
+    arm = watched.arm
+    arm.home = home
+    watched.put(0.06, home[:3, 2])
+    hand = watched.hand
+    for distance in np.linspace(0, 0.2, 400):
+        watched.hand = hand + distance * home[:3, 2]
+        if arm.free(home, hand=watched.hand) > 0.001:
+            break
+    way = (arm.homeward(watched.look(), DT) for _ in range(600))
+    with pytest.raises(HaltError, match="at least 5 mm are needed"):
+        any(way)
+    assert arm.free(hand=watched.hand) > GRASP_DISTANCE
 
 
 def test_without_contact_it_waits_for_the_fingers() -> None:

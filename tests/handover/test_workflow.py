@@ -17,6 +17,7 @@ from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.observation import Observation
 from hadr.handover.poses import pose_distance
+from hadr.handover.safety import TOWED
 from hadr.handover.simulated_ur5 import TABLE, SimulatedUR5, in_workspace
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.tracking import hand_motion
@@ -422,9 +423,10 @@ def test_with_the_hand_gone_neither_a_pull_nor_a_heavy_glass_opens(
     assert max(m.gripper_width for m in moments if m.time > begun) < 0.06
 
 
+@pytest.mark.parametrize("part", ["let go", "retreat", "carry"])
 @pytest.mark.parametrize("force", [np.nan, 0.0])
 def test_fingers_that_feel_nothing_are_around_what_keeps_them_apart(
-    force: float, monkeypatch: pytest.MonkeyPatch
+    force: float, part: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read = GuardedArm.read
 
@@ -436,10 +438,69 @@ def test_fingers_that_feel_nothing_are_around_what_keeps_them_apart(
         monkeypatch.setattr(GuardedArm, "read", feels_nothing)
         late(handover, arm, since)
 
-    handover, moments, begun = disturbed("carry", numb_fingers)
+    handover, moments, begun = disturbed(part, numb_fingers)
     assert first_stop(handover)[0] >= begun
     assert max(m.gripper_width for m in moments if m.time >= begun) < 0.06
     assert handover.stage is Stage.FINISHED
+
+
+def test_a_hand_that_comes_along_is_not_towed() -> None:
+    """It pulls less than the robot would notice, and does not let go for two seconds."""
+    handover = fixed_handover()
+    arm = handover.robot
+    closed: list[tuple[float, np.ndarray, np.ndarray]] = []
+    seen_at: list[tuple[float, float]] = []
+
+    def look(seen: Observation) -> Observation:
+        if handover.part == "retreat" and not closed:
+            closed.append((seen.time, arm.tool_pose(), seen.keypoints))
+        if not closed:
+            return seen
+        since, tool, keypoints = seen.time - closed[0][0], closed[0][1], closed[0][2]
+        way = arm.tool_pose()[:3, 3] - tool[:3, 3]
+        seen_at.append((since, float(np.linalg.norm(way))))
+        arm.wrench[:3] = [2.5, 0, -1.0] if since < 2.0 else 0.0
+        held = 1e-6 * since + keypoints + way @ CAMERA[:3, :3]
+        return replace(seen, keypoints=held if since < 2.0 else keypoints + np.array([0, 0, 0.3]))
+
+    run(handover, spoil=look)
+    towed = max(way for since, way in seen_at if since < 2.0)
+    assert TOWED - 0.01 < towed < TOWED + 0.02
+    assert handover.stage is Stage.FINISHED
+
+
+def test_patience_does_not_end_what_the_gripper_holds() -> None:
+    handover = fixed_handover(HandoverConfig(patience=7.0))
+    arm = handover.robot
+    carried: list[float] = []
+
+    def look(seen: Observation) -> Observation:
+        if handover.part == "carry" and not carried:
+            carried.append(seen.time)
+        arm.wrench[:] = np.nan if carried and 0.05 < seen.time - carried[0] < 0.15 else 0.0
+        return seen
+
+    run(handover, spoil=look)
+    assert first_stop(handover)[0] < 7.0 + handover._first_seen < handover.transitions[-2].time
+    assert handover.stage is Stage.FINISHED
+
+
+def test_after_a_pause_the_hand_of_before_is_not_believed() -> None:
+    """The newest picture that comes is still the one from before the pause."""
+    handover = fixed_handover()
+    number = 0
+    while handover.stage is not Stage.APPROACH_AND_REACT or number < 30:
+        seen = STILL.observe(round(0.1 * (number // 5), 6))
+        handover.step(replace(seen, time=DT * number, frame_time=seen.time), DT)
+        number += 1
+    places = [handover.robot.tool_pose()[:3, 3]]
+    for later in range(14):
+        handover.step(replace(seen, time=DT * (number + later) + 5.0, frame_time=seen.time), DT)
+        places.append(handover.robot.tool_pose()[:3, 3])
+        assert handover.caution or handover.stage is Stage.STOPPED
+    way = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert way.sum() < 0.012  # it brakes
+    assert way[6:].max() < 1e-4
 
 
 def test_with_the_object_it_waits_for_a_hand_in_its_way_to_go() -> None:

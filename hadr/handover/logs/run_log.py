@@ -28,7 +28,7 @@ from hadr.handover.grasping.grasps import Way
 from hadr.handover.grasping.selection import NO_GRASP
 from hadr.handover.observation import Observation, cleaned
 from hadr.handover.robot import Robot, UnreachableError
-from hadr.handover.safety import hand_problem
+from hadr.handover.safety import NOT_NUMBERS, hand_problem
 from hadr.handover.stages import ChooseGrasp, ChosenGrasp, Stage, Transition
 from hadr.handover.workflow import Handover
 from hadr.records.reading import parse_json, read_arrays, structured
@@ -298,7 +298,7 @@ class RecordedHandover(Handover):
             try:
                 with np.errstate(over="ignore"):
                     keypoints = _single(keypoints)
-            except (TypeError, ValueError):
+            except NOT_NUMBERS:
                 keypoints = np.zeros(0)
             if keypoints.shape == (21, 3):
                 same = self._hands and np.array_equal(self._hands[-1], keypoints, equal_nan=True)
