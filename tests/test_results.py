@@ -841,6 +841,20 @@ def test_chapter_13_says_what_the_parts_are_worth() -> None:
     assert (ahead, behind) == (13, 2)  # exercise 13.2
 
 
+def test_chapter_6_says_what_four_ways_to_begin_came_to() -> None:
+    rows = read_result_file(RESULTS / "training" / "collapse.json").rows
+    ends = [row["epochs"][-1] for row in rows]
+    assert [row["way"].split(", ")[0] for row in rows] == ["Swin", "Swin", "Lite0", "Lite0"]
+    ranks = [[end[name] for name in end if name.startswith("rank_")] for end in ends]
+    assert max(ranks[0]) < 3 < min(ranks[1])  # "goes blind", "its directions stay"
+    assert min(ranks[2]) > 12  # "keeps most of its own"
+    costs = [round(2000 * end["color_gain_m"]) / 2 for end in ends]  # in half millimetres
+    assert costs[:3] == [1.5, 0.5, 0.5]
+    assert round(costs[3]) == 8
+    for name in ("validation_mae_m", "validation_rmse_m"):
+        assert min(ends, key=lambda end: float(end[name])) is ends[3]
+
+
 def test_chapter_9_says_how_fast_hadr_plus_is_beside_the_fastest_rival() -> None:
     rows = read_sealed(RESULTS / "speed" / "side_by_side.json")["rows"]
     words = []

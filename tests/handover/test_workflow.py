@@ -500,7 +500,7 @@ def test_after_a_pause_the_hand_of_before_is_not_believed() -> None:
         assert handover.caution or handover.stage is Stage.STOPPED
     way = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert way.sum() < 0.012  # it brakes
-    assert way[6:].max() < 1e-4
+    assert way[-4:].max() < 1e-4
 
 
 def test_with_the_object_it_waits_for_a_hand_in_its_way_to_go() -> None:
