@@ -55,22 +55,22 @@ class Observation:
 def cleaned(observation: Observation) -> Observation:
     """The same, times and confidence as finite numbers or NaN, and without what is no point.
 
-    Of each cloud the finite points within `FARTHEST_POINT`, None where fewer than `FEWEST_POINTS`
-    are left; the keypoints are `HandWatch`'s business.
+    Of each cloud the finite points within `FARTHEST_POINT`; None where none are left, or fewer than
+    `FEWEST_POINTS` of the object. The keypoints are `HandWatch`'s business.
     """
     confidence = observation.confidence
     return Observation(
         _number(observation.time),
         observation.keypoints,
-        _points(observation.object_points),
-        _points(observation.scene_points),
+        _points(observation.object_points, FEWEST_POINTS),
+        _points(observation.scene_points, 1),
         None if confidence is None else _number(confidence),
         _number(observation.taken),
     )
 
 
-def _points(points: npt.ArrayLike | None) -> Array | None:
-    """The usable points of anything, or None."""
+def _points(points: npt.ArrayLike | None, fewest: int) -> Array | None:
+    """The usable points of anything, or None where there are fewer."""
     if points is None:
         return None
     try:
@@ -80,7 +80,7 @@ def _points(points: npt.ArrayLike | None) -> Array | None:
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         return None
     cloud = cloud[(np.abs(cloud) <= FARTHEST_POINT).all(axis=1)]  # False for NaN
-    return cloud if len(cloud) >= FEWEST_POINTS else None
+    return cloud if len(cloud) >= fewest else None
 
 
 def _number(value: object) -> float:

@@ -23,8 +23,11 @@ def noisy(seed: int) -> np.ndarray:
 def test_points_and_numbers_are_cleaned() -> None:
     cloud = np.ones((40, 3))
     cloud[0], cloud[1, 2], cloud[2, 0] = np.nan, np.inf, 1e200
-    seen = cleaned(Observation(2, None, cloud, cloud[:32], None, np.inf))  # 29 are left of these
-    assert (seen.time, seen.scene_points, seen.confidence) == (2.0, None, None)
+    seen = cleaned(Observation(2, None, cloud, cloud[:4], None, np.inf))
+    assert (seen.time, seen.confidence) == (2.0, None)
+    np.testing.assert_array_equal(seen.scene_points, cloud[3:4])  # few, but in the way
+    assert cleaned(Observation(2, None, cloud[:32], cloud[:3])).object_points is None  # 29 are left
+    assert cleaned(Observation(2, None, cloud, cloud[:3])).scene_points is None
     assert np.isnan(seen.taken)
     assert seen.object_points is not None
     assert seen.object_points.shape == (37, 3)
