@@ -127,13 +127,14 @@ def losses_with_border(
     """
     terms = hadr_losses(output, true_depth, intrinsics, *args, **further)
     stride: int = further.get("ray_stride", 1)
-    rays = output.rays
-    row, column = (rays[0, 1:] % stride).tolist()  # every n-th, from a place by chance
+    there = output.chosen >= 0
+    rays, points = output.rays[there], output.points[there]
+    row, column = (output.rays[0, 1:] % stride).tolist()  # every n-th, from a place by chance
     cell = (rays[:, 0], rays[:, 1] // stride, rays[:, 2] // stride)
     depth = true_depth[:, row::stride, column::stride]
     truth = image_points(true_depth, intrinsics)[:, row::stride, column::stride]
-    apart, known = normals_apart(truth.index_put(cell, output.points), truth, depth > 0)
-    mask = torch.zeros_like(depth, dtype=torch.bool).index_put(cell, output.chosen >= 0)
+    apart, known = normals_apart(truth.index_put(cell, points), truth, depth > 0)
+    mask = torch.zeros_like(depth, dtype=torch.bool).index_put(cell, there[there])
     return replace(terms, normals=mean_where(apart / 2, known & mask[:, :-1, :-1]))
 
 

@@ -114,7 +114,8 @@ class Advance:
         later = [forward_of(target, s) for s in np.linspace(self.travelled, self._end, 4)]
         near = [arm.reading.tool, here, soon]
         most = KEEPS_UP * c.advance_speed
-        factor = arm.allowed(near, safety.GRASP_DISTANCE, most) * self._free_later(later, dt)
+        factor = arm.allowed(near, safety.GRASP_DISTANCE, most, usual=c.advance_speed)
+        factor *= self._free_later(later, dt)
         if pose_distance(arm.reading.tool, here)[0] < FAR_FROM_GOAL:
             self.travelled = min(self._end, self.travelled + self._slow(factor) * dt)
         here = forward_of(target, self.travelled)
@@ -205,7 +206,7 @@ class Advance:
         soon = forward_of(target, max(self._back_to, self.travelled - safety.LOOK_AHEAD))
         factor, most = 1.0, KEEPS_UP * c.advance_speed
         if arm.nearer(soon):
-            factor = arm.allowed([soon], safety.GRASP_DISTANCE, most)
+            factor = arm.allowed([soon], safety.GRASP_DISTANCE, most, usual=c.advance_speed)
         self.travelled = max(self._back_to, self.travelled - self._slow(factor) * dt)
         here = forward_of(target, self.travelled)
         arm.go(here, most, dt, factor=factor)
@@ -243,7 +244,7 @@ class Retrieval:
 
     def begin(self, now: float, pose: Array) -> None:
         """Tell the fingers to close at a tool pose (4, 4), as far as the object lets them."""
-        self._pose, self._travelled = pose, 0.0
+        self._pose, self._travelled, self._open = pose, 0.0, self.arm.reading.width
         self.arm.alone = self.arm.closed = False
         self.arm.robot.set_gripper(0.0, stages.GENTLE_FORCE)
         self._still = (now, self.arm.reading.width)
@@ -258,8 +259,10 @@ class Retrieval:
         arm, c = self.arm, self.arm.config
         if self.part == "close":
             arm.go(self._pose, c.advance_speed, dt)
-            if arm.free() < -2 * c.human_uncertainty:  # it is around what the hand holds
-                raise HaltError(f"hand {-1000 * arm.free():.0f} mm within the gripper", back=True)
+            within = -arm.beside(arm.watch.keypoints)
+            if within > 2 * c.human_uncertainty:  # it is around what the hand holds
+                arm.robot.set_gripper(self._open, stages.GENTLE_FORCE)  # the fingers don't stop
+                raise HaltError(f"hand {1000 * within:.0f} mm within the gripper", back=True)
             if abs(arm.reading.width - self._still[1]) > STILL:
                 self._still = (now, arm.reading.width)
             late = now - self._since > stages.CLOSE_TIMEOUT
@@ -329,16 +332,17 @@ class Retrieval:
     def _in_tow(self) -> str:
         """Say that the hand has come along with the fingers since they closed; or nothing.
 
-        Nobody need pull hard for that.
+        Nobody need pull hard for that. It is seen a picture's age late.
         """
-        arm, hand = self.arm, self.arm.watch.keypoints
+        arm, hand, c = self.arm, self.arm.watch.keypoints, self.arm.config
         tool, then = self._together
         way = arm.reading.tool[:3, 3] - tool
         length = float(np.linalg.norm(way))
-        if hand is None or then is None or length < safety.TOWED:
+        speed = c.approach_speed if self.part == "carry" else c.advance_speed
+        late = safety.TOWED / 2 + speed * arm.watch.age
+        if hand is None or then is None or length < max(safety.TOWED, 2 * late):
             return ""
-        behind = np.linalg.norm((hand - then).mean(axis=0) - way)
-        if behind > safety.TOWED / 2:
+        if np.linalg.norm((hand - then).mean(axis=0) - way) > late:
             return ""
         return f"the hand has come along by {100 * length:.0f} cm: it holds the object"
 

@@ -129,10 +129,13 @@ class GuardedArm:
         if not self.robot.reachable(target):
             raise HaltError(f"target {np.round(target[:3, 3], 2)} m is out of reach")
 
-    def allowed(self, near: Sequence[Array], least: float, speed: float) -> float:
+    def allowed(
+        self, near: Sequence[Array], least: float, speed: float, *, usual: float | None = None
+    ) -> float:
         """Part of a wanted speed, m/s, that the hand beside the next tool poses leaves, 0 to 1.
 
         0 where no hand is known; HaltError where it leaves less than the least free space, metres.
+        The caution is of the usual speed, where that is another.
         """
         watch = self.watch
         if watch.keypoints is None:
@@ -149,8 +152,9 @@ class GuardedArm:
         factor = min(1.0, safety.allowed_speed(free, closing, watch.age, least, off) / speed)
         crawl = min(CRAWL_SPEED - closing, safety.stopping_speed(free - least, 0.0))
         factor = max(factor, min(1.0, crawl / speed))
-        if factor < 1:
-            self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
+        part = factor * speed / (usual or speed)
+        if part < 1:
+            self.caution = f"hand {1000 * free:.0f} mm away: {100 * part:.0f} % of the speed"
         return factor
 
     def leaving(self, *path: Array, speed: float, now: float) -> float:
@@ -214,10 +218,10 @@ class GuardedArm:
         hand = self.watch.keypoints if hand is None else hand
         return np.inf if hand is None else float(self._gaps(path, width, hand).min())
 
-    def may_hold(self, hand: Array) -> bool:
-        """Whether a hand (21, 3) is near enough to the gripper to hold what that carries."""
-        reading = self.reading
-        return hand_distance(reading.tool, reading.width, hand) <= safety.AT_THE_GLASS
+    def beside(self, hand: Array | None) -> float:
+        """Free space between the gripper alone and a hand's skin, metres; infinity without one."""
+        tool, width = self.reading.tool, self.reading.width
+        return np.inf if hand is None else hand_distance(tool, width, hand)
 
     def _gaps(self, path: Sequence[Array], width: float | None, hand: Array) -> Array:
         """What `free` is the least of: the space to each ball of the person, metres, (m,)."""

@@ -102,7 +102,7 @@ class Recovery:
         that is not seen, until the gripper alone does.
         """
         arm, hand = self.arm, self.arm.watch.keypoints
-        taken = not arm.alone if hand is None else arm.may_hold(hand)
+        taken = not arm.alone if hand is None else arm.beside(hand) <= safety.AT_THE_GLASS
         return taken and safety.hand_pull(arm.reading.wrench[:3]) > safety.HAND_PULL
 
     def stay(self, now: float) -> None:

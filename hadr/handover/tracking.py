@@ -258,8 +258,8 @@ class HandFilter:
         """
         if self._given is not None and np.array_equal(keypoints, self._given):
             return self._steady  # a camera that hangs must be seen to
-        self._given = np.array(keypoints)
         self._steady = self._filtered(time, keypoints)
+        self._given = np.array(keypoints)
         return self._steady
 
     def _filtered(self, time: float, keypoints: Array) -> Array:

@@ -61,6 +61,7 @@ class Handover:
     motion: HandMotion | None = field(default=None, init=False)
     grasp: ChosenGrasp | None = field(default=None, init=False)
     _offset: float = field(default=0.0, init=False)
+    _shown: float = field(default=float("nan"), init=False)
     _first_seen: float = field(default=float("inf"), init=False)
     _entered: float = field(default=0.0, init=False)
 
@@ -108,7 +109,10 @@ class Handover:
 
     def _step(self, observation: Observation, dt: float) -> None:
         jump = self._tick(observation.time, dt)
+        shown, self._shown = self._shown, observation.taken
         taken = observation.taken + self._offset
+        if observation.taken == shown:  # whatever the clock has done since
+            taken = self.watch.frame_time
         new = not jump and self.watch.look(replace(observation, frame_time=taken), self.time)
         if jump:  # who knows for how long
             self.watch.forget(jump)
@@ -147,7 +151,7 @@ class Handover:
             raise HaltError(f"protective stop: {halted}", back=True)
         if self.stage is Stage.GOING_HOME:
             self._go_home(dt)
-        elif self._may_leave and self.time - self._first_seen > c.patience:
+        elif self.stage is not Stage.GRASP_AND_RETRIEVE and self._waited > c.patience:
             self._leave(f"no handover within {c.patience:.0f} s", observation)
         elif self.stage is Stage.STOPPED:
             self._recover(observation, dt)
@@ -162,9 +166,9 @@ class Handover:
             self.caution = self.caution or self.arm.caution
 
     @property
-    def _may_leave(self) -> bool:
-        """Whether the robot may run out of patience: not while it takes or holds an object."""
-        return not (self.stage is Stage.GRASP_AND_RETRIEVE or self.arm.around_something)
+    def _waited(self) -> float:
+        """For how long, seconds: since a hand was seen first; with an object, in this stage."""
+        return self.time - (self._entered if self.arm.around_something else self._first_seen)
 
     # Wait & Observe
 

@@ -170,11 +170,13 @@ _DFNET_PAPER = replace(
 _DFNET_MINI = replace(
     _MINI_ADAMW,
     network="dfnet",
-    model=DFNetConfig(width=32, layers=4, growth=8),
+    model=DFNetConfig(width=32, layers=4, growth=8, near_m=0.1),
     learning_rate=3e-3,
     precision="bf16-mixed",
 )
-_DFNET_TINY = replace(_TINY_ADAMW, network="dfnet", model=DFNetConfig(width=16, layers=3, growth=8))
+_DFNET_TINY = replace(
+    _TINY_ADAMW, network="dfnet", model=DFNetConfig(width=16, layers=3, growth=8, near_m=0.1)
+)
 
 # --- SwinDRNet: its published rate falls linearly after a warm-up, half a cosine is the nearest
 # here; two small Swin Transformers from scratch, hence the larger rate ---
@@ -319,7 +321,7 @@ _HADR_SEES = _seeing(_HADR_MINI, 10, {**_SEES, "voxel_relu": True}, ray_stride=3
 _LIDF_SEES = _seeing(  # its encoder normalises colours itself
     _LIDF_MINI, 12, {**_SEES, "voxel_relu": True, "normalize_color": False}, ray_stride=3
 )
-_DFNET_SEES = _seeing(_DFNET_MINI, 6, {"view": WindowConfig(), "near_m": 0.1})
+_DFNET_SEES = _seeing(_DFNET_MINI, 6, {"view": WindowConfig()})
 _SWINDRNET_SEES = _seeing(
     _SWINDRNET_MINI, 7, {"view": WindowConfig(), "lite": LiteConfig(stages=4)}
 )

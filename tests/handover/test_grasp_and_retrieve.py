@@ -329,8 +329,10 @@ def test_the_tool_is_no_faster_than_the_hand_beside_it_allows(
     allowed: list[float] = []
     ask = GuardedArm.allowed
 
-    def heard(arm: GuardedArm, near: list[np.ndarray], least: float, speed: float) -> float:
-        factor = ask(arm, near, least, speed)
+    def heard(
+        arm: GuardedArm, near: list[np.ndarray], least: float, speed: float, **words: float
+    ) -> float:
+        factor = ask(arm, near, least, speed, **words)
         allowed.append(factor * speed)
         return factor
 
@@ -351,6 +353,7 @@ def closing(robot: Touching, advance: Advance, start: np.ndarray) -> Retrieval:
     retrieval, now = Retrieval(advance.arm), 0.0
     retrieval.begin(now, start)
     while retrieval.part == "close":
+        assert now < 3.0, "the fingers close for ever"
         advance.arm.read()
         retrieval.step(now, DT)
         now += DT
@@ -368,9 +371,11 @@ def test_fingers_do_not_close_around_a_hand() -> None:
     robot, advance, start = advancing(PLAIN)
     robot.between_fingers = 0.06
     put_hand(advance, start[:3, 3] - 0.02 * start[:3, 2], start[:3, 0])
+    told: list[float] = []
+    robot.set_gripper = lambda width, force: told.append(width)  # type: ignore[method-assign]
     with pytest.raises(HaltError, match="within the gripper"):
         closing(robot, advance, start)
-    assert robot.gripper_width() > 0.08
+    assert told == [0.0, robot.gripper_width()]  # a gripper goes on until it is told otherwise
 
 
 def test_a_thin_stem_that_both_fingers_press_is_held() -> None:

@@ -176,7 +176,8 @@ def test_fingers_that_say_no_number_do_not_drop_what_they_hold() -> None:
 
 
 @pytest.mark.parametrize(
-    ("gap", "opens", "seen"), [(0.010, False, True), (0.010, False, False), (0.060, True, True)]
+    ("gap", "opens", "seen"),
+    [(0.010, False, True), (0.010, False, False), (0.060, True, True), (0.060, True, False)],
 )
 def test_empty_fingers_do_not_open_into_a_hand_beside_them(
     gap: float, opens: bool, seen: bool

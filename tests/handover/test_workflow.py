@@ -444,8 +444,9 @@ def test_fingers_that_feel_nothing_are_around_what_keeps_them_apart(
     assert handover.stage is Stage.FINISHED
 
 
-def test_a_hand_that_comes_along_is_not_towed() -> None:
-    """It pulls less than the robot would notice, and does not let go for two seconds."""
+@pytest.mark.parametrize("lets_go", [1.5, np.inf])
+def test_a_hand_that_comes_along_is_not_towed(lets_go: float) -> None:
+    """It pulls less than the robot would notice, and lets go late or never."""
     handover = fixed_handover()
     arm = handover.robot
     closed: list[tuple[float, np.ndarray, np.ndarray]] = []
@@ -459,14 +460,17 @@ def test_a_hand_that_comes_along_is_not_towed() -> None:
         since, tool, keypoints = seen.time - closed[0][0], closed[0][1], closed[0][2]
         way = arm.tool_pose()[:3, 3] - tool[:3, 3]
         seen_at.append((since, float(np.linalg.norm(way))))
-        arm.wrench[:3] = [2.5, 0, -1.0] if since < 2.0 else 0.0
+        arm.wrench[:3] = [2.5, 0, -1.0] if since < lets_go else 0.0
         held = 1e-6 * since + keypoints + way @ CAMERA[:3, :3]
-        return replace(seen, keypoints=held if since < 2.0 else keypoints + np.array([0, 0, 0.3]))
+        return replace(
+            seen, keypoints=held if since < lets_go else keypoints + np.array([0, 0, 0.3])
+        )
 
     run(handover, spoil=look)
-    towed = max(way for since, way in seen_at if since < 2.0)
-    assert TOWED - 0.01 < towed < TOWED + 0.02
-    assert handover.stage is Stage.FINISHED
+    towed = max(way for since, way in seen_at if since < lets_go)
+    assert TOWED - 0.01 < towed < TOWED + 0.03
+    assert handover.stage is (Stage.FINISHED if lets_go < 9 else Stage.GAVE_UP)
+    assert 0.01 < arm.gripper_width() < 0.06  # it drops nothing
 
 
 def test_patience_does_not_end_what_the_gripper_holds() -> None:
@@ -501,6 +505,20 @@ def test_after_a_pause_the_hand_of_before_is_not_believed() -> None:
     way = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert way.sum() < 0.012  # it brakes
     assert way[-4:].max() < 1e-4
+
+
+def test_a_clock_that_stood_still_makes_no_picture_new() -> None:
+    handover = fixed_handover()
+    for number in range(30):
+        seen = STILL.observe(round(0.1 * (number // 5), 6))
+        handover.step(replace(seen, time=DT * number, frame_time=seen.time), DT)
+    assert handover.watch.keypoints is not None
+    for later in [0] * 8 + [1, 2, 3]:
+        handover.step(replace(seen, time=DT * (29 + later), frame_time=seen.time), DT)
+        assert handover.watch.keypoints is None
+    new = STILL.observe(0.6)
+    handover.step(replace(new, time=DT * 33, frame_time=new.time), DT)
+    assert handover.watch.keypoints is not None
 
 
 def test_with_the_object_it_waits_for_a_hand_in_its_way_to_go() -> None:

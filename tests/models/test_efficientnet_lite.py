@@ -104,7 +104,7 @@ def test_random_weights_learn_statistics_or_their_features_vanish() -> None:
     network = EfficientNetLite0(LiteConfig(frozen=0, pretrained=False))
     pictures = torch.rand(4, 3, 64, 64)
     with torch.no_grad():
-        assert float(network.eval()(pictures)[-1].std()) < 1e-4  # with statistics that are none
+        assert float(network.eval()(pictures)[-1].std()) < 1e-5  # with statistics that are none
         network.train()
         for _ in range(30):
             network(pictures)
