@@ -148,20 +148,14 @@ LEDGER = (
     Change("predicted keypoints in training", {}, 32, predicted=True),
     Change(
         "maps enlarged as published",
-        {},
-        30,
-        instead={
-            "hadr.models.backbone.enlarge": enlarge_as_published,
-        },
+        row=30,
+        instead={"hadr.models.backbone.enlarge": enlarge_as_published},
     ),
-    Change("other layers begin as published", {}, 31, begin=begin_as_published),
+    Change("other layers begin as published", row=31, begin=begin_as_published),
     Change(
         "normals up to the mask's border",
-        {},
-        33,
-        instead={
-            "hadr.training.tasks.hadr.hadr_losses": losses_with_border,
-        },
+        row=33,
+        instead={"hadr.training.tasks.hadr.hadr_losses": losses_with_border},
     ),
     Change("6 cells", {"grid": VoxelGrid(cells=6)}, 3),
     Change("depth loss over z alone", {"weights": LossWeights(depth_over="z")}, 2),

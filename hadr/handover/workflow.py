@@ -109,11 +109,12 @@ class Handover:
 
     def _step(self, observation: Observation, dt: float) -> None:
         jump = self._tick(observation.time, dt)
-        shown, self._shown = self._shown, observation.taken
         taken = observation.taken + self._offset
-        if observation.taken == shown:  # whatever the clock has done since
+        if observation.taken == self._shown:  # the picture that it knows, whatever the clock did
             taken = self.watch.frame_time
         new = not jump and self.watch.look(replace(observation, frame_time=taken), self.time)
+        if new or jump:
+            self._shown = observation.taken
         if jump:  # who knows for how long
             self.watch.forget(jump)
         if self.watch.keypoints is not None:

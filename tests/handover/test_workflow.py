@@ -507,6 +507,16 @@ def test_after_a_pause_the_hand_of_before_is_not_believed() -> None:
     assert way[-4:].max() < 1e-4
 
 
+def test_a_picture_of_a_camera_whose_clock_is_ahead_is_believed_when_its_time_has_come() -> None:
+    handover = fixed_handover()
+    seen = STILL.observe(0.0)
+    known = []
+    for number in range(4):
+        handover.step(replace(seen, time=DT * number, frame_time=0.03), DT)
+        known.append(handover.watch.keypoints is not None)
+    assert known == [False, False, True, True]
+
+
 def test_a_clock_that_stood_still_makes_no_picture_new() -> None:
     handover = fixed_handover()
     for number in range(30):
