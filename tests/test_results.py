@@ -177,8 +177,9 @@ def test_the_tables_have_every_method() -> None:
     mini = RESULTS / "mini"
     found = {name: {row["method"] for row in read_result_file(mini / f"{name}.json").rows}
              for name in FILES}  # fmt: skip
-    assert found["known"] == set(METHODS)
-    assert found["unknown"] == set(METHODS) - set(KNOWN_ALONE)
+    made = set(METHODS) - {"hand-offset"}  # which is younger than the frames of mini
+    assert found["known"] == made
+    assert found["unknown"] == made - set(KNOWN_ALONE)
     assert found["ablation"] == set(ABLATION)
     assert found["ledger"] == set(LEDGER) - set(SEEING)
     unknown = read_result_file(mini / "unknown.json")

@@ -28,7 +28,6 @@ from measuring import (
 )
 from torch import nn
 
-from hadr.experiments.protocol import CHEAP
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
@@ -96,7 +95,7 @@ def main() -> None:
             f"{network}, {size}": in_turns(build(network, size), preset(size, network).size)
             for network, size in pairs
         }
-        calls |= {method: cheap_in_turns(method) for method in CHEAP}
+        calls |= {method: cheap_in_turns(method) for method in CLASSICAL}
         times = interleaved(calls, args.turns, args.seconds)
     rows = []
     for network, size in pairs:
@@ -111,7 +110,7 @@ def main() -> None:
         })  # fmt: skip
     rows += [
         {"method": method, "preset": None, "input": [224, 224], "parameters": 0, **times[method]}
-        for method in CHEAP
+        for method in CLASSICAL
     ]
     for row in rows:
         print(

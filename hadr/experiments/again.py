@@ -13,7 +13,7 @@ from typing import Any
 import torch
 
 from hadr.experiments.runner import Bench, Run
-from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap
+from hadr.experiments.scoring import EVALUATION_SIZE
 from hadr.records.reading import structured
 from hadr.records.result_file import digest, read_result_file
 from hadr.training.presets import recipe_from_dict
@@ -30,7 +30,7 @@ def measure_again(
     experiment, name, seed = configuration["run"].split("/")
     run = Run(experiment, name, int(seed.removeprefix("seed-")))
     if configuration["recipe"] is None:
-        scores = score_cheap(bench.frames(run, "test", EVALUATION_SIZE), name)
+        scores = bench.score_cheap(run)
     else:
         before = torch.get_num_threads()
         torch.set_num_threads(row.get("threads") or before)

@@ -31,8 +31,9 @@ Experiment = Literal["known", "unknown", "by-frame"]
 Part = Literal["train", "val", "test"]
 EXPERIMENTS: tuple[Experiment, ...] = get_args(Experiment)
 PARTS_OF_DATA: tuple[Part, ...] = get_args(Part)
-CHEAP = ("raw", "inpainting", "nearest", "hand-median")
-"""Methods that learn nothing; what a learned one must beat."""
+CHEAP = ("raw", "inpainting", "nearest", "hand-median", "hand-offset")
+"""Methods without a network; what one must beat. The last learns one number, how far behind the
+hand's median depth the glass lies in training frames."""
 LEARNED = ("hadr", "no-hand", "unet-hand", "hadr-plus", *RIVALS, "hadr-long")
 """Networks of the two tables, in the order in which they are trained: the long run last."""
 METHODS = (*CHEAP, *LEARNED)
@@ -51,11 +52,15 @@ SWITCHES: Mapping[str, Mapping[str, Any]] = {
 }
 """Rows of the ledger that are measured by a training, and what each changes in HADR's recipe."""
 SEEING: Mapping[str, Mapping[str, Any]] = {
-    "random-encoder": {"model": {"lite": LiteConfig(frozen=0, pretrained=False)}},
-    "whole-picture": {"width": 128, "height": 72, "model": {"view": None}},
+    "random-encoder": {
+        "encoder_rate": 1.0,
+        "model": {"lite": LiteConfig(frozen=0, pretrained=False)},
+    },
+    "whole-picture": {"width": 128, "height": 72, "ray_stride": 2, "model": {"view": None}},
     "no-aggregation-thawed": {"model": {"aggregation": False, "lite": LiteConfig(frozen=0)}},
 }
-"""What preset imagenet is without its weights, and without its window; and without aggregation,
+"""What preset imagenet is without its weights, which learns at the full rate, for there is nothing
+to keep; without its window, with about as many rays of a frame as `mini`; and without aggregation,
 which leaves the encoder one stage: its frozen one, so here nothing is frozen."""
 LONG_RUN = 4
 """How many times as many epochs a long run has."""

@@ -28,7 +28,14 @@ from torch import nn
 
 from hadr.corruption import Corruption
 from hadr.experiments.protocol import Experiment, Part, data_digest, open_part, recipe_of
-from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
+from hadr.experiments.scoring import (
+    EVALUATION_SIZE,
+    Scores,
+    cheap_depth,
+    hand_offset,
+    score_depth,
+    score_network,
+)
 from hadr.models.networks import network_of
 from hadr.records.dependencies import code_digest
 from hadr.records.provenance import plain, provenance
@@ -190,7 +197,7 @@ class Bench:
         trained_at: dict[str, Any] = {}
         started = time.perf_counter()
         if recipe is None:
-            scores = score_cheap(self.frames(run, "test", EVALUATION_SIZE), run.method)
+            scores = self.score_cheap(run)
         else:
             set_aside_another(folder, recipe, self.data_of(run, recipe))
             trained = self.train(run, recipe, folder)
@@ -242,6 +249,14 @@ class Bench:
             resume=(folder / LAST).exists(),
             fabric=Fabric(accelerator=self.accelerator, devices=1, precision=recipe.precision),
         )
+
+    def score_cheap(self, run: Run) -> Scores:
+        """Score a method without a network on a run's test frames."""
+        test = self.frames(run, "test", EVALUATION_SIZE)
+        if run.method != "hand-offset":
+            return score_depth(cheap_depth(test, run.method), test)
+        offset = hand_offset(self.frames(run, "train", EVALUATION_SIZE))
+        return score_depth(cheap_depth(test, "hand-median") + offset, test)
 
     def score(self, run: Run, recipe: Preset, model: nn.Module) -> Scores:
         """Score a trained network on a run's test frames."""

@@ -116,7 +116,15 @@ def restored_depth(
     return large, restored
 
 
-def score_cheap(truth: FrameTensors, method: str) -> Scores:
-    """Score one of `hadr.training.evaluation.CLASSICAL` on frames at the evaluation size."""
+def cheap_depth(truth: FrameTensors, method: str) -> FloatArray:
+    """Depth (N, H, W), metres, by one of `hadr.training.evaluation.CLASSICAL`."""
     restorer = CLASSICAL[method]
-    return score_depth(np.stack([restorer(truth, n) for n in range(len(truth))]), truth)
+    return np.stack([restorer(truth, number) for number in range(len(truth))])
+
+
+def hand_offset(train: FrameTensors) -> float:
+    """How far behind the hand's median depth the glass lies, metres: the mean over frames."""
+    depth, true = cheap_depth(train, "hand-median"), train.true_depth.numpy()
+    seen = train.object_mask.numpy() & (true > 0)
+    behind = [(true[n] - depth[n])[seen[n]].mean() for n in range(len(train)) if seen[n].any()]
+    return float(np.mean(behind))

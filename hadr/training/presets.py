@@ -321,7 +321,7 @@ _HADR_SEES = _seeing(_HADR_MINI, 10, {**_SEES, "voxel_relu": True}, ray_stride=3
 _LIDF_SEES = _seeing(  # its encoder normalises colours itself
     _LIDF_MINI, 12, {**_SEES, "voxel_relu": True, "normalize_color": False}, ray_stride=3
 )
-_DFNET_SEES = _seeing(_DFNET_MINI, 6, {"view": WindowConfig()})
+_DFNET_SEES = _seeing(_DFNET_MINI, 9, {"view": WindowConfig()})
 _SWINDRNET_SEES = _seeing(
     _SWINDRNET_MINI, 7, {"view": WindowConfig(), "lite": LiteConfig(stages=4)}
 )

@@ -94,8 +94,9 @@ def test_preset_imagenet_is_measured_without_its_weights_and_without_its_window(
     base = recipe_of("hadr", "imagenet")
     unlearned, whole = (recipe_of(n, "imagenet") for n in ("random-encoder", "whole-picture"))
     assert (unlearned.model.lite.pretrained, unlearned.model.lite.frozen) == (False, 0)
-    assert replace(unlearned, model=replace(unlearned.model, lite=base.model.lite)) == base
-    assert (whole.model.view, whole.size) == (None, (128, 72))
+    learned = replace(unlearned, model=replace(unlearned.model, lite=base.model.lite))
+    assert (unlearned.encoder_rate, replace(learned, encoder_rate=base.encoder_rate)) == (1.0, base)
+    assert (whole.model.view, whole.size, whole.ray_stride) == (None, (128, 72), 2)
     lone, thawed = (recipe_of(n, "imagenet") for n in ("no-aggregation", "no-aggregation-thawed"))
     assert (lone.model.lite.frozen, thawed.model.lite.frozen) == (1, 0)
     assert replace(thawed, model=replace(thawed.model, lite=base.model.lite)) == lone

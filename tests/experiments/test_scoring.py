@@ -5,7 +5,13 @@ import pytest
 import torch
 
 from hadr.data.samples import open_samples
-from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap, score_depth, score_network
+from hadr.experiments.scoring import (
+    EVALUATION_SIZE,
+    cheap_depth,
+    hand_offset,
+    score_depth,
+    score_network,
+)
 from hadr.metrics import frame_metrics
 from hadr.training.frames.batches import load_frames
 
@@ -28,6 +34,13 @@ def test_missing_pixels_count_as_zero_and_are_told_apart(truth):
     assert found["rmse_m"] == pytest.approx(expected.rmse_m / 3)
     assert found["restored"]["rmse_m"] == 0
     assert found["coverage"] == pytest.approx((expected.coverage + 2) / 3)
+
+
+def test_the_hands_offset_is_the_mean_over_frames_of_what_lies_behind_its_median_depth(truth):
+    """Frames of which the glass is put 1, 3 and 5 cm behind the hand: 3 cm, whatever their size."""
+    hand = torch.from_numpy(cheap_depth(truth, "hand-median"))
+    behind = replace(truth, true_depth=hand + torch.tensor([0.01, 0.03, 0.05])[:, None, None])
+    assert hand_offset(behind) == pytest.approx(0.03, abs=1e-6)
 
 
 def test_pooled_weighs_by_pixels(truth):
@@ -65,7 +78,7 @@ def test_a_network_is_scored_at_the_common_size(truth):
     """A network of another size that is right there has the error of enlarging only."""
     given = load_frames(open_samples("test")[:3], (256, 144), keep_all=True)
     found = score_network(Oracle(given, 1000), given, truth).columns()
-    cheap = score_cheap(truth, "hand-median").columns()
+    cheap = score_depth(cheap_depth(truth, "hand-median"), truth).columns()
     assert found["coverage"] == 1
     assert found["mae_m"] < 0.004 < cheap["mae_m"]
     assert found["delta_105"] > 97

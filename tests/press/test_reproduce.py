@@ -70,11 +70,13 @@ def test_a_row_is_run_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 def test_a_row_that_gives_other_numbers_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from hadr.experiments import again
+    from hadr.experiments.runner import Bench, Run
 
     assert run("--only", "known/nearest", "--out", tmp_path) == 0
-    whole = again.score_cheap
-    monkeypatch.setattr(again, "score_cheap", lambda truth, _: whole(truth, "inpainting"))
+    whole = Bench.score_cheap
+    monkeypatch.setattr(
+        Bench, "score_cheap", lambda bench, _: whole(bench, Run("known", "inpainting"))
+    )
     table = tmp_path / "tables" / "known.json"
     assert run("--again", table, "nearest", "--out", tmp_path / "again") == 1
     assert "differs" in capsys.readouterr().out
