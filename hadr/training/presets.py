@@ -318,10 +318,16 @@ def _seeing(recipe: Preset, epochs: int, sees: Mapping[str, Any], **changes: Any
 
 
 _HADR_SEES = _seeing(_HADR_MINI, 10, {**_SEES, "voxel_relu": True}, ray_stride=3)
-_LIDF_SEES = _seeing(  # its encoder normalises colours itself
-    _LIDF_MINI, 12, {**_SEES, "voxel_relu": True, "normalize_color": False}, ray_stride=3
+_LIDF_SEES = _seeing(  # its encoder normalises colours itself; a cosine for each of two stages
+    _LIDF_MINI,
+    12,
+    {**_SEES, "voxel_relu": True, "normalize_color": False},
+    ray_stride=3,
+    schedule="cosine",
+    restarts=(8 / 12,),
+    warmup_epochs=0.5,
 )
-_DFNET_SEES = _seeing(_DFNET_MINI, 9, {"view": WindowConfig()})
+_DFNET_SEES = _seeing(_DFNET_MINI, 9, {"view": WindowConfig(), "fill_holes": False})
 _SWINDRNET_SEES = _seeing(
     _SWINDRNET_MINI, 7, {"view": WindowConfig(), "lite": LiteConfig(stages=4)}
 )
