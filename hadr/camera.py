@@ -168,7 +168,12 @@ def checked_number(name: str, value: Any) -> float:
 
 
 def valid_depth(depth: FloatArray) -> BoolArray:
-    """Where a depth image holds a measurement: finite and greater than zero, same shape."""
+    """Where a depth image holds a measurement: finite and greater than zero, same shape.
+
+    ValueError for whole numbers: those are millimetres, or steps of a file.
+    """
+    if (kind := np.asarray(depth).dtype).kind != "f":
+        raise ValueError(f"depth must be float metres, got {kind}")
     return np.isfinite(depth) & (depth > 0)
 
 

@@ -318,3 +318,5 @@ def _check_same_shape(depth: FloatArray, other: NDArray[Any], name: str) -> None
         raise ValueError(
             f"depth and {name} must be (H, W) of the same size, got {depth.shape} and {other.shape}"
         )
+    if depth.dtype.kind != "f":
+        raise ValueError(f"depth must be float metres, got {depth.dtype}")

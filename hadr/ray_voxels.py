@@ -231,6 +231,7 @@ def ray_voxel_pairs(
     t_in = torch.cat((crossing.new_zeros(n_rays, 1), crossing[:, :-1]), dim=1)
 
     stays = (t_out - t_in > SHORTEST_PAIR_M) & torch.isfinite(t_out)
+    stays &= torch.isfinite(directions).all(dim=1, keepdim=True)
     voxel = table[ray_frame.unsqueeze(1), torch.where(stays, key, 0)]  # key 0 is in the border
     ray, column = (voxel >= 0).nonzero(as_tuple=True)
     return RayVoxelPairs(

@@ -175,6 +175,12 @@ def test_valid_depth():
     assert valid_depth(depth).tolist() == [[True, False, False], [False, False, True]]
 
 
+@pytest.mark.parametrize("kind", [np.uint16, np.int64, bool])
+def test_millimetres_are_no_depth(kind):
+    with pytest.raises(ValueError, match=f"depth must be float metres, got {np.dtype(kind)}"):
+        back_project(np.full((4, 8), 1, kind), CAMERA)
+
+
 def test_resize_depth_takes_pixels_and_invents_none():
     depth = np.array([[1.0, 2.0, 3.0, 4.0]])
     # Twice as wide: new centres -0.25, 0.25, 0.75, ... fall nearest to 0, 0, 1, 1, ...

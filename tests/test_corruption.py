@@ -228,6 +228,8 @@ def test_errors_name_the_values() -> None:
     depth, mask = plane(0.5), disc()
     with pytest.raises(ValueError, match=r"depth and mask .* got \(120, 160\) and \(3, 3\)"):
         erase_mask(depth, np.ones((3, 3), bool))
+    with pytest.raises(ValueError, match=r"depth must be float metres, got uint16"):
+        erase_mask(np.full(mask.shape, 500, np.uint16), mask)
     with pytest.raises(ValueError, match=r"at most 1, got 0.7 and 0.6"):
         see_through(depth, depth, mask, default_rng(0), missing_share=0.7, background_share=0.6)
     with pytest.raises(ValueError, match="see_through needs background_depth"):

@@ -206,10 +206,10 @@ def test_ray_through_edges_and_corners_has_no_empty_pairs() -> None:
 def test_bad_directions_get_no_pair() -> None:
     everything = [(x, y, z) for x in range(9) for y in range(9) for z in range(9)]
     nan = float("nan")
-    directions = torch.tensor([[nan, 0.0, 1.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    directions[0] = nan
-    pairs = ray_voxel_pairs(directions, zeros(3), occupy(everything, dtype=torch.float32), GRID)
-    assert pairs.candidates().tolist() == [0, 0, 9]
+    bad = [[nan, nan, nan], [nan, 0.0, 1.0], [0.0, 0.0, nan], [0.0, 0.0, 0.0]]
+    directions = torch.tensor([*bad, [0.0, 0.0, 1.0]])
+    pairs = ray_voxel_pairs(directions, zeros(5), occupy(everything, dtype=torch.float32), GRID)
+    assert pairs.candidates().tolist() == [0, 0, 0, 0, 9]
 
 
 def test_camera_outside_of_the_grid_and_on_a_plane() -> None:

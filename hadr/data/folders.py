@@ -117,15 +117,15 @@ class FrameSource(Sequence[Frame]):
             names: Frames, OBJECT/STEM, in the order of the folders.
 
         Returns:
-            A name of the hold for each frame, another for each data folder; the frame's own name
-            where its hold is not known.
+            A name of the hold for each frame, another for each data folder and object; the frame's
+            own name where its hold is not known.
 
         Raises:
             ValueError: A frame is not there, or not in this order.
         """
         logged = [folder.hold_ids for folder in self.folders]
         listed = (
-            (name, f"{folder}/{logged[folder][number] or name.partition('/')[2]}")
+            (name, f"{folder}/{name.partition('/')[0]}/{logged[folder][number] or name}")
             for name, (folder, number) in zip(self.names, self._places, strict=True)
         )
         holds = []

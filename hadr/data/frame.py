@@ -32,7 +32,7 @@ from hadr.data.frame_pictures import (
     encode_mask,
     encode_normals,
 )
-from hadr.hand import KEYPOINT_NAMES
+from hadr.hand import KEYPOINT_NAMES, check_keypoints
 from hadr.records.writing import PART
 
 #: The log's name for the metres of one step of ``depth_png`` and ``background_depth_png``.
@@ -124,12 +124,25 @@ def frame_places(
     return {part: Path(folder, stem + ending) for part, (folder, ending) in folders.items()}
 
 
-def _check_shapes(frame: Frame) -> None:
-    names = ("depth", "hand_mask", "object_mask", "color", "background_depth", "raw_depth")
-    for name in (*names, "normals"):
+_KINDS = {
+    **dict.fromkeys(("depth", "background_depth", "raw_depth"), ("f", "float metres")),
+    **dict.fromkeys(("hand_mask", "object_mask"), ("b", "bool")),
+    "color": ("u", "uint8 RGB"),
+    "normals": ("f", "float"),
+}
+"""NumPy's kinds of a frame's images, and what they are called."""
+
+
+def _check(frame: Frame) -> None:
+    for name, (kind, words) in _KINDS.items():
         image = getattr(frame, name)
-        if image is not None and image.shape[:2] != frame.camera.shape:
+        if image is None:
+            continue
+        if image.shape[:2] != frame.camera.shape:
             raise ValueError(f"{name} has shape {image.shape}, the camera {frame.camera.shape}")
+        if image.dtype.kind != kind or (kind == "u" and image.dtype != np.uint8):
+            raise ValueError(f"{name} must be {words}, got {image.dtype}")
+    check_keypoints(frame.keypoints)
 
 
 def _kept_normals(frame: Frame, where: Normals) -> npt.NDArray[np.float32] | None:
@@ -221,10 +234,11 @@ def write_frame(
         The path of the log, which is written last: a frame with a log is complete.
 
     Raises:
-        ValueError: A depth does not fit into 16 bits, or an image's shape differs.
+        ValueError: A depth does not fit into 16 bits, an image's shape or type is another, or a
+            keypoint is not finite.
         OSError: The folder can't be written.
     """
-    _check_shapes(frame)
+    _check(frame)
     root = Path(root)
     base = root / frame.split / frame.object_id / ("depth" if nested else ".")
     places = frame_places(

@@ -10,6 +10,7 @@ coverage: a small error there is worth as much as its coverage.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 from torch import nn
 
 from hadr.camera import BoolArray, FloatArray
+from hadr.experiments.averages import standard_error
 from hadr.metrics import METRICS, DepthMetrics, frame_metrics, mean_over_frames, pooled
 from hadr.models.network_input import enlarge_restored
 from hadr.training.evaluation import CLASSICAL, predict
@@ -32,10 +34,10 @@ class Scores:
 
     Attributes:
         stems: Name of each frame.
-        frames: Each frame's metrics; a missing pixel counts as depth 0.
+        frames: Each frame's metrics; a pixel that is 0 in the depth counts as that.
         restored: Each frame's metrics over the pixels that were restored, not filled; their
             ``coverage`` is the share of these.
-        pooled: Metrics over the pixels of all frames; a missing pixel counts as depth 0.
+        pooled: Metrics over the pixels of all frames, likewise.
     """
 
     stems: tuple[str, ...]
@@ -43,11 +45,13 @@ class Scores:
     restored: tuple[DepthMetrics, ...]
     pooled: DepthMetrics
 
-    def columns(self) -> dict[str, Any]:
-        """The columns of a table: per-frame means, and below ``pooled`` and ``restored`` more."""
+    def columns(self, holds: Sequence[str] | None = None) -> dict[str, Any]:
+        """The columns of a table: per-frame means, and below ``pooled`` and ``restored`` more.
+
+        The standard error is over the holds of the frames, or the frames where they are left out.
+        """
         mean, alone = mean_over_frames(self.frames), mean_over_frames(self.restored)
-        rmse = np.array([m.rmse_m for m in self.frames])
-        error = float(rmse.std(ddof=1) / len(rmse) ** 0.5) if len(rmse) > 1 else float("nan")
+        error = standard_error([m.rmse_m for m in self.frames], holds or self.stems)
         return {
             **{name: getattr(mean, name) for name in METRICS},
             "rmse_standard_error_m": error,

@@ -62,11 +62,16 @@ def toward(first: Array, second: Array, distance: float, angle: float) -> Array:
 def camera_at(position: Array, look_at: Array) -> Array:
     """base_from_camera (4, 4) of a camera at a point (3,) that looks at another, the image upright.
 
-    Metres, base frame (z up); the camera's x is right, y down, z forward.
+    Metres, base frame (z up); the camera's x is right, y down, z forward. The base's x is up in the
+    image of one that looks straight down. ValueError where the two points are one.
     """
     forward = np.asarray(look_at, dtype=np.float64) - position
-    forward /= np.linalg.norm(forward)
+    if (far := np.linalg.norm(forward)) < 1e-9:
+        raise ValueError(f"a camera at {np.asarray(position).tolist()} can't look at itself")
+    forward /= far
     right = np.cross(forward, [0.0, 0.0, 1.0])
+    if np.linalg.norm(right) < 1e-6:
+        right = np.cross(forward, [1.0, 0.0, 0.0])
     right /= np.linalg.norm(right)
     pose = np.eye(4)
     pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)

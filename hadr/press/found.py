@@ -197,9 +197,11 @@ def _ablation_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
             f"{_cm(row)} cm without it, {_cm(full)} with it: {100 * mean:+.2f} ± {100 * doubt:.2f}",
             verdict(mean, doubt), COMPARISON, name, remarks.get(method, ""),
         )  # fmt: skip
-    flat, without = (file.row(method=m)["against_full"] for m in ("hand-2d", "no-hand"))
+    rows = [file.row(method=m) for m in ("hand-2d", "no-hand")]
+    flat, without = (row["against_full"] for row in rows)
     half = 0.5 * without["mean_difference_m"] - flat["mean_difference_m"]
-    doubt = math.hypot(0.5 * without["standard_error_m"], flat["standard_error_m"])
+    seeds = (_of_seeds(rows[0]), 0.5 * _of_seeds(rows[1]), 0.5 * _of_seeds(full))
+    doubt = math.hypot(0.5 * without["standard_error_m"], flat["standard_error_m"], *seeds)
     yield Claim(
         "2D keypoints nearly as good as 3D",
         f"With the keypoints' pixels alone HADR is only slightly worse: {theirs['Full Model']:.1f} "

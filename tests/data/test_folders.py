@@ -33,7 +33,12 @@ def test_folders_are_joined_in_order():
 def test_holds_are_another_in_each_folder_and_a_frame_without_one_is_its_own():
     source = FrameSource([Reader(), Reader()])
     names = ["0001/a", "0001/b", "0004/c"]
-    assert source.holds(names * 2) == ["0/left", "0/left", "0/c", "1/left", "1/left", "1/c"]
+    assert source.holds(names * 2) == [
+        *("0/0001/left", "0/0001/left", "0/0004/0004/c"),
+        *("1/0001/left", "1/0001/left", "1/0004/0004/c"),
+    ]
+    other = type("", (Reader,), {"hold_ids": ("take-1", "take-1", "take-1")})()
+    assert FrameSource([other]).holds(names) == ["0/0001/take-1"] * 2 + ["0/0004/take-1"]
     for asked, lost in ((["0001/a", "0004/lost"], "0004/lost"), (["0004/c"] * 3, "0004/c")):
         with pytest.raises(ValueError, match=f"there is no frame '{lost}' here, or not in this"):
             source.holds(asked)

@@ -156,6 +156,22 @@ def test_disparities_round_to_whole_steps_and_farther_away_to_double_ones():
     )
 
 
+@pytest.mark.parametrize(
+    ("part", "value", "message"),
+    [
+        ("depth", np.full((H, W), 500, np.uint16), "depth must be float metres, got uint16"),
+        ("color", np.zeros((H, W, 3), np.float32), "color must be uint8 RGB, got float32"),
+        ("object_mask", np.full((H, W), 255, np.uint8), "object_mask must be bool, got uint8"),
+        ("keypoints", np.full((21, 3), np.nan), "keypoints must be finite"),
+        ("depth", np.zeros((H, 3), np.float32), "depth has shape"),
+    ],
+)
+def test_what_could_not_be_read_again_is_not_written(tmp_path, part, value, message):
+    with pytest.raises(ValueError, match=message):
+        write_frame(tmp_path / "new", replace(make_frame(), **{part: value}))
+    assert not (tmp_path / "new").exists()
+
+
 def test_what_is_not_held_may_be_stored_coarsely(tmp_path):
     frame = make_frame()
     write_frame(tmp_path, frame, rest_step=0.001, depth_format="png")

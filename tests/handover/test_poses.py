@@ -20,6 +20,13 @@ def test_a_camera_looks_at_its_point_upright() -> None:
     np.testing.assert_allclose(pose[:3, 1:3].T, [[0, 0, -1], [-1, 0, 0]], atol=1e-12)
 
 
+def test_a_camera_that_looks_straight_down_or_at_itself() -> None:
+    pose = camera_at(np.array([0.6, 0, 1]), np.array([0.6, 0, 0.3]))
+    np.testing.assert_allclose(pose[:3, :3], [[0, -1, 0], [-1, 0, 0], [0, 0, -1]], atol=1e-12)
+    with pytest.raises(ValueError, match=r"a camera at \[1.0, 2.0, 3.0\] can't look at itself"):
+        camera_at(np.array([1.0, 2, 3]), np.array([1.0, 2, 3]))
+
+
 def test_a_pose_between_two() -> None:
     second = np.eye(4)
     second[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from hadr.camera import Array, transform_points
 from hadr.handover.grasping.candidates import NoCandidateError
@@ -66,6 +67,9 @@ def from_graspnet(source: str | Path | ArrayLike, base_from_camera: Array | None
     if table.ndim == 2 and table.shape[1] == 16:
         table = np.concatenate([table, -np.ones((len(table), 1))], axis=1)
     grasps, (low, high) = Grasps.from_rows(table, "camera"), SCORES
+    if len(grasps):  # rows of a text file have few digits, and poses are asked for more
+        proper = Rotation.from_matrix(grasps.rotations).as_matrix()
+        grasps = replace(grasps, rotations=proper)
     for row in np.flatnonzero(grasps.widths > METRES)[:1]:
         raise ValueError(
             f"grasp {row}: width must be in metres, at most {METRES}; {grasps.widths[row]:g} looks "
@@ -110,6 +114,9 @@ class DetectedGrasps:
 
         detect = lambda points: network(points).grasp_group_array     # yours, camera frame
         choose = GraspSelection(rng, eye, source=DetectedGrasps(detect, base_from_camera))
+
+    A grasp is what its point is: from there the robot's moves are counted, and the depth tells only
+    whether the fingertips are at the object.
 
     Attributes:
         detect: From the object's points in the camera frame, (n, 3) in metres, to rows (m, 17); it

@@ -117,7 +117,7 @@ class GraspSelection:
     def candidates(self, points: Array, reach: float = FINGER_REACH) -> Grasps:
         """Candidates around points (n, 3) in the base frame, before any filter.
 
-        A source of its own has its own depths and is not told the fingers' reach, metres.
+        A source of its own is not told the fingers' reach, metres.
         """
         if self.source is not None:
             return self.source(points)

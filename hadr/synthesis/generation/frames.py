@@ -13,7 +13,6 @@ from hadr.data.frame_pictures import DisparityScale
 from hadr.records.caches import kept_by_file
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.generation.settings import FrameRecipe, GenerationSettings
-from hadr.synthesis.glass.objects import NOVEL_OBJECTS, OBJECTS
 from hadr.synthesis.holding.hold import Hold, make_hold
 from hadr.synthesis.recordings.recording import (
     Recording,
@@ -53,12 +52,10 @@ def _number(seed: int, index: int, purpose: int) -> int:
 
 
 def _recordings_by_object(folder: str | Path) -> dict[str, tuple[Path, ...]]:
-    """The recordings of each object; most say in their name which it is."""
+    """The recordings of each object, as they say themselves: a file's name may be anything."""
     found: dict[str, tuple[Path, ...]] = {}
-    known = {*OBJECTS, *NOVEL_OBJECTS}
     for path in find_recordings(folder):
-        names = [n for n in (path.parent.name, path.stem.split("-")[0]) if n in known]
-        object_id = names[0] if names else _recording(path, *companions(path)).object_id
+        object_id = _recording(path, *companions(path)).object_id
         found[object_id] = (*found.get(object_id, ()), path)
     return found
 

@@ -4,10 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hadr.handover.grasping.candidates import NoCandidateError
 from hadr.handover.grasping.graspnet import DetectedGrasps, from_graspnet
 from hadr.handover.grasping.selection import GraspSelection
+from hadr.handover.poses import check_pose
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.simulation.trials.rehearsal import REHEARSAL_CAMERA, rehearsed_scene, visible_points
 
@@ -56,6 +58,15 @@ def test_file_of_graspnet_api(tmp_path: Path, kind: type) -> None:
         from_graspnet(tmp_path / "grasps.npy").to_rows(), from_graspnet(rows()).to_rows(), atol=1e-7
     )
     assert len(from_graspnet(str(tmp_path / "grasps.npy"))) == 2
+
+
+def test_rotations_of_few_digits_become_proper_ones() -> None:
+    found = rows()[:1]
+    turn = Rotation.from_rotvec([0.3, -1.1, 0.5]).as_matrix()
+    found[0, 4:13] = turn.round(5).ravel()
+    (pose,) = from_graspnet(found).poses
+    check_pose(pose)
+    np.testing.assert_allclose(pose[:3, 2], turn[:, 0], atol=1e-5)
 
 
 @TOO_WIDE

@@ -199,12 +199,12 @@ def test_without_mitsuba_the_photo_engine_says_what_to_install(tmp_path, monkeyp
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
-    """Two short recordings of one object, whose file's name says nothing of it."""
+    """Two short recordings of one object, whose files' names seem to say that it is another."""
     folder = tmp_path_factory.mktemp("recordings")
     for number in (0, 1):
         hold = make_hold("0005", number, 3)
         recording = record_hold(hold, seed=3, seconds=0.3)
-        write_recording(recording, folder / f"take-{number}.csv")
+        write_recording(recording, folder / f"0001-take-{number}.csv")
     return folder
 
 
