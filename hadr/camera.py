@@ -130,19 +130,6 @@ class Intrinsics:
             height,
         )
 
-    def cropped(self, x0: int, y0: int, width: int, height: int) -> Intrinsics:
-        """Intrinsics of the window whose first pixel is (x0, y0).
-
-        Raises:
-            ValueError: The window leaves the image.
-        """
-        if x0 < 0 or y0 < 0 or x0 + width > self.width or y0 + height > self.height:
-            raise ValueError(
-                f"crop ({x0}, {y0}, {width}, {height}) leaves the image of "
-                f"{self.width}x{self.height}"
-            )
-        return Intrinsics(self.fx, self.fy, self.cx - x0, self.cy - y0, width, height)
-
 
 #: TransHand-14K's camera at its native size (reference: the published loader's principal point).
 TRANSHAND_CAMERA = Intrinsics(1137.7778, 1137.7778, 639.5, 359.5, 1280, 720)

@@ -75,18 +75,6 @@ def test_resizing_keeps_the_view(width, height):
     )
 
 
-def test_cropped_keeps_the_rays():
-    window = CAMERA.cropped(2, 1, 5, 3)
-    assert window.shape == (3, 5)
-    np.testing.assert_allclose(ray_directions(window), ray_directions(CAMERA)[1:4, 2:7])
-
-
-@pytest.mark.parametrize("box", [(-1, 0, 4, 4), (0, 0, 9, 4), (5, 0, 4, 4), (0, 3, 2, 2)])
-def test_crop_outside_of_the_image(box):
-    with pytest.raises(ValueError, match="leaves the image of 8x4"):
-        CAMERA.cropped(*box)
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -385,7 +385,7 @@ def test_the_list_of_commands_names_all(capsys) -> None:
 
 
 def test_help_imports_nothing_heavy() -> None:
-    heavy = "torch matplotlib pandas trimesh transformers lightning_fabric nbformat mujoco"
+    heavy = "torch matplotlib pandas trimesh transformers nbformat mujoco"
     code = (
         "import sys\nfrom hadr.cli import COMMANDS, command_parser\n"
         f"for name in COMMANDS:\n  command_parser(name)\n"

@@ -215,7 +215,7 @@ OPTIONS = (
     (GENERATE, "scheduler", ("", "nonsense", "tcp://", "tcp://127.0.0.1:1", "file:///etc/passwd")),
     (TRAIN, "epochs", (*WHOLE, "0")), (TRAIN, "drop-epoch", (*WORD, "1.5", "-1")),
     (TRAIN, "batch-size", (*WHOLE, "0")), (TRAIN, "learning-rate", (*REAL, "0")),
-    (TRAIN, "keypoint-noise", REAL), (TRAIN, "seed", SEEDS), (TRAIN, "devices", (*WHOLE, "0")),
+    (TRAIN, "keypoint-noise", REAL), (TRAIN, "seed", SEEDS),
     (TRAIN, "objects", ("9999", "", "../0000", "0000\t9999", "0000\t0000")),
     (TRAIN, "pretrained", ("foo", "", "../net.safetensors")), (TRAIN, "network", ("foo", "")),
     (TRAIN, "preset", ("foo",)), (TRAIN, "schedule", ("foo",)), (TRAIN, "precision", ("16",)),

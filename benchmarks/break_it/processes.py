@@ -93,14 +93,13 @@ Job = tuple[str, Run, Callable[["Bench"], list[Row]]]
 #: Commands that start Pythons of their own, in a folder with modules of others.
 PLANTED = ("mitsuba", "jupyter_book", "torch", "numpy", "yaml", "sphinx", "distributed", "ipykernel",
            "hadr", "json", "nbformat", "mujoco", "multiprocessing", "ipykernel_launcher", "struct",
-           "lightning_fabric", "asyncio")
+           "asyncio")
 PROBES = (
     Run("generate, 2 workers", ("generate", *GENERATE.words(frames="4", workers="2", recordings=None)), ()),
     Run("generate, photo", ("generate", *GENERATE.words(engine="photo", quality=None)), ("recordings",)),
     Run("handover, 2 jobs", ("handover", *ATTEMPT.words(out="out", jobs="2", holds="902\t903")), ()),
     Run("reproduce, a chapter", ("reproduce", "--out", "out", "--only", "00"), ()),
     Run("reproduce, 2 jobs", (*ROWS, "--jobs", "2"), ()),
-    Run("train, 2 processes", ("train", *TRAIN.words(devices="2")), ("data",)),
     Run("book", ("book", *HTML.words()), ("build",), ("build",)),
     Run("course", ("course", *EXECUTED.words()), ("build",)),
 )

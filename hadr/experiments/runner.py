@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from lightning_fabric import Fabric
 from torch import nn
 
 from hadr.corruption import Corruption
@@ -247,7 +246,7 @@ class Bench:
             seed=run.seed,
             data=self.data_of(run, recipe),
             resume=(folder / LAST).exists(),
-            fabric=Fabric(accelerator=self.accelerator, devices=1, precision=recipe.precision),
+            device=self.accelerator,
         )
 
     def score_cheap(self, run: Run) -> Scores:

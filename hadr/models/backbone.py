@@ -20,7 +20,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.blocks.efficientnet_lite import EfficientNetLite0, LiteConfig
-from hadr.models.blocks.stochastic_depth import replace_drop_path
 from hadr.records.provenance import IF_CHANGED
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
@@ -119,7 +118,6 @@ def build_swin(config: BackboneConfig) -> nn.Module:
             f"{config.pretrained!r} has embed_dim, depths, window and patch {found}, but "
             f"{wanted} is configured"
         )
-    replace_drop_path(swin, "SwinDropPath")
     return swin
 
 
@@ -137,9 +135,7 @@ def random_swin(config: Any, **more: Any) -> Any:
         out_features=_stages(config),
         **more,
     )
-    swin = SwinBackbone(size)
-    replace_drop_path(swin, "SwinDropPath")
-    return swin
+    return SwinBackbone(size)
 
 
 def _stages(config: Any) -> list[str]:

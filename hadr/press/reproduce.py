@@ -195,7 +195,7 @@ def open_bench(options: Options) -> Bench:
     from hadr.data.samples import samples_dir
     from hadr.data.transhand import SPLITS
     from hadr.experiments.runner import Bench
-    from hadr.training.processes import chosen_accelerator
+    from hadr.training.loop import chosen_device
 
     for path in sorted((options.out / "tables").glob("*.json")):
         found = re.search(r"\(preset (\w+)\)", path.read_text(encoding="utf-8"))
@@ -221,7 +221,7 @@ def open_bench(options: Options) -> Bench:
     if roots and not options.dry_run:
         check_data(roots, SPLITS)
     limit = TINY_FRAMES if tiny else None
-    accelerator = chosen_accelerator(options.accelerator)
+    accelerator = chosen_device(options.accelerator)
     return Bench(
         roots,
         options.out / "runs",

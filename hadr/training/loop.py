@@ -1,11 +1,8 @@
 """The training loop of all networks: one pass after another over frames in memory.
 
 Every random choice follows from the seed, the epoch's number and the frame's. A training that was
-stopped and resumed therefore ends with the same weights as one that ran through, and several
-processes do together what one process with as large a batch does.
-
-For that Fabric gives device and precision, and no more: its `setup` averages gradients as if all
-shares of a batch were equal, torch's schedulers have a state to be kept, `Preset.rate` has none.
+stopped and resumed therefore ends with the same weights as one that ran through. Torch's schedulers
+of the rate have a state to be kept, `Preset.rate` has none.
 """
 
 from __future__ import annotations
@@ -20,23 +17,15 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from lightning_fabric import Fabric
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 from torch.utils.data import DataLoader, Dataset
 from tqdm import tqdm
 
-from hadr.models.blocks.stochastic_depth import set_share
 from hadr.models.networks import network_of
 from hadr.records.provenance import usable_cores
 from hadr.training.frames.augmentation import augment_frames
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.processes import (
-    average_gradients,
-    average_numbers,
-    share_batch_norm,
-    shares,
-)
 from hadr.training.recipe import Preset
 from hadr.training.tasks.diagnosis import gradient_norms
 from hadr.training.tasks.pictures import save_png
@@ -72,7 +61,7 @@ def train(
     stop_after: int | None = None,
     progress: bool = True,
     watch: Callable[[int, Any], None] | None = None,
-    fabric: Fabric | None = None,
+    device: str = "cpu",
     tensorboard: bool = False,
 ) -> Trained:
     """Train a network.
@@ -94,8 +83,7 @@ def train(
         stop_after: Stop after this many epochs, as if interrupted.
         progress: Show a progress bar.
         watch: Called after each epoch with its number and the network, e.g. to keep pictures.
-        fabric: Device, precision and processes, launched already; one process on the CPU with
-            the recipe's precision where it is left out.
+        device: Where it runs, "cpu" or "cuda" (`chosen_device`).
         tensorboard: Write event files for TensorBoard into the folder as well.
 
     Returns:
@@ -107,18 +95,14 @@ def train(
         FloatingPointError: The loss is no longer a finite number.
         ImportError: TensorBoard is asked for and not installed.
     """
-    fabric = fabric or Fabric(accelerator="cpu", devices=1, precision=recipe.precision)
     if validation is not None:
         validation = evenly(validation, recipe.validation_frames)
     task = task or Task(recipe)
-    first_process, processes = fabric.is_global_zero, fabric.world_size
-    workers = batch_workers(fabric.device)
+    workers = batch_workers(torch.device(device))
     torch.manual_seed(seed)
-    network: nn.Module = fabric.to_device(task.build())
+    network = task.build().to(device)
     if start is not None:
         network.load_state_dict(start.state_dict())
-    if processes > 1:
-        share_batch_norm(network)
     encoders = network_of(recipe.network).encoders
     optimizer = optimizer_of(recipe, network)
     rates = [group["lr"] for group in optimizer.param_groups]  # of each, before the schedule
@@ -132,16 +116,15 @@ def train(
         history = home.resume(network, optimizer, average and average.module)
     elif home is not None:
         home.check_empty()
-    events = _events(home.path, len(history)) if home and tensorboard and first_process else None
-    fabric.barrier()
+    events = _events(home.path, len(history)) if home and tensorboard else None
 
-    in_step = recipe.batch_size * processes
-    steps = len(shares(len(frames), in_step, 0, processes))
+    starts = range(0, len(frames), recipe.batch_size)
+    steps = len(starts)
     last = min(recipe.epochs, stop_after or recipe.epochs)
     if average is not None:
         average.n_averaged.fill_(1 + steps * len(history))  # it begins with the start's weights
     bar = tqdm(total=steps * last, initial=steps * len(history), unit="step", mininterval=1.0,
-               disable=not (progress and first_process))  # fmt: skip
+               disable=not progress)  # fmt: skip
     for epoch in range(len(history), last):
         started = time.perf_counter()
         bar.set_description(f"epoch {epoch + 1}/{recipe.epochs}")
@@ -150,25 +133,21 @@ def train(
         seen, sums = 0, dict[str, float]()
 
         network.train()
-        mine = shares(len(frames), in_step, fabric.global_rank, processes)
+        chosen = [order[start : start + recipe.batch_size] for start in starts]
         batches = DataLoader(
             _Epoch(frames, recipe, seed, epoch),
             batch_size=None,
-            sampler=[order[share.start : share.stop] for share in mine],
+            sampler=chosen,
             num_workers=workers,
             multiprocessing_context="fork" if workers else None,  # they share the frames
             worker_init_fn=_one_opencv_thread,
             generator=torch.Generator(),  # else it would draw from that of stochastic depth
         )
-        for step, (share, batch) in enumerate(zip(mine, batches, strict=True)):
-            set_share(network, share.start - share.batch_start, share.batch_size)
-            with fabric.autocast():
-                losses = task.losses(
-                    network, batch.to(fabric.device), epoch, chance(seed, epoch, step)
-                )
+        for step, batch in enumerate(batches):
+            with torch.autocast(device, torch.bfloat16, enabled=recipe.precision == "bf16-mixed"):
+                losses = task.losses(network, batch.to(device), epoch, chance(seed, epoch, step))
             optimizer.zero_grad()
             losses["loss"].backward()  # type: ignore[no-untyped-call]
-            average_gradients(network, processes)
             norms = gradient_norms(network, encoders)
             if recipe.clip_norm is not None:
                 nn.utils.clip_grad_norm_(network.parameters(), recipe.clip_norm)
@@ -178,12 +157,11 @@ def train(
             if average is not None:
                 average.update_parameters(network)
 
-            numbers = average_numbers(losses, processes)
-            numbers |= {name: float(norm) for name, norm in norms.items()}
+            numbers = {name: float(value.detach()) for name, value in (losses | norms).items()}
             _check_finite(numbers["loss"], epoch, step)
-            seen += share.batch_size
+            seen += len(batch)
             for name, value in numbers.items():
-                sums[name] = sums.get(name, 0.0) + value * share.batch_size
+                sums[name] = sums.get(name, 0.0) + value * len(batch)
             bar.set_postfix({name: f"{sums[name] / seen:.4g}" for name in losses}, refresh=False)
             bar.update()
 
@@ -191,25 +169,32 @@ def train(
         row |= {name: value / seen for name, value in sums.items()}
         result = (network if average is None else average.module).eval()
         scores: dict[str, float] = {}
-        if validation is not None and first_process:
+        if validation is not None:
             scores = task.validate(result, validation, recipe.batch_size)
-        row |= fabric.broadcast(scores)
+        row |= scores
         row["seconds"] = time.perf_counter() - started
         history.append(row)
         if watch is not None:
             watch(epoch, result)
-        if home is not None and first_process:
+        if home is not None:
             if validation is not None and early_look(epoch, recipe.epochs):
                 _draw(task, result, validation, home.path / "pictures" / f"{epoch + 1:04d}.png")
             home.save(network, result, optimizer, history, next(iter(scores), None))
         if events is not None:
             for name, value in row.items():
                 events.add_scalar(name, value, epoch)
-        fabric.barrier()
     bar.close()
     if events is not None:
         events.close()
     return Trained((network if average is None else average.module).eval(), history)
+
+
+def chosen_device(wish: str) -> str:
+    """Give "cuda" or "cpu" for "auto", "cpu" or "cuda"; ValueError for a CUDA that is not there."""
+    cuda = torch.cuda.is_available()
+    if wish == "cuda" and not cuda:
+        raise ValueError("--accelerator cuda: PyTorch finds no CUDA device on this machine")
+    return "cuda" if cuda and wish != "cpu" else "cpu"
 
 
 def batch_workers(device: torch.device) -> int:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from torch import Tensor, distributed
+from torch import Tensor
 from torch.nn import functional
 
 from hadr.models.hadr import HADROutput
@@ -25,31 +25,23 @@ from hadr.ray_voxels import (
 DepthNorm = Literal["xyz", "z"]
 
 
-def shared_mean(total: Tensor, count: Tensor | int) -> Tensor:
-    """Divide a sum by how many entered it, so that processes average to the whole batch's mean.
-
-    Each process divides its own sum by the mean of all processes' counts: the mean over the
-    processes of the results is then the sum of all totals by the sum of all counts. Zeros where
-    nothing counts.
-    """
-    number = torch.as_tensor(count, dtype=total.dtype, device=total.device).detach().clone()
-    if distributed.is_available() and distributed.is_initialized():
-        distributed.all_reduce(number)
-        number = number / distributed.get_world_size()
+def mean_of(total: Tensor, count: Tensor | int) -> Tensor:
+    """Divide a sum by how many entered it; zeros where nothing counts."""
+    number = torch.as_tensor(count, dtype=total.dtype, device=total.device).detach()
     least = torch.finfo(total.dtype).tiny
     return torch.where(number > 0, total / number.clamp(min=least), torch.zeros_like(total))
 
 
 def mean_where(values: Tensor, counted: Tensor) -> Tensor:
     """Mean of the values that count (bool, the same shape), of the whole batch; 0 without any."""
-    return shared_mean((values * counted).sum(), counted.sum())
+    return mean_of((values * counted).sum(), counted.sum())
 
 
 def frame_mean(total: Tensor, count: Tensor) -> Tensor:
     """Mean of the frames' own means, total (B,) by count (B,), where anything counts; 0 without."""
     counts = count > 0
     means = torch.where(counts, total / count.clamp(min=1e-6), torch.zeros_like(total))
-    return shared_mean(means.sum(), counts.sum())
+    return mean_of(means.sum(), counts.sum())
 
 
 @dataclass(frozen=True)
@@ -110,13 +102,13 @@ def depth_loss(points: Tensor, true_points: Tensor, over: DepthNorm = "xyz") -> 
     """Mean absolute error, metres, of points (R, 3) over x, y and z, or z alone; 0 without rays."""
     error = (points - true_points).abs()
     error = error if over == "xyz" else error[:, 2:]
-    return shared_mean(error.sum(), error.numel())
+    return mean_of(error.sum(), error.numel())
 
 
 def probability_loss(log_probability: Tensor, true_pair: Tensor) -> Tensor:
     """Mean cross-entropy, nats, of log (P,) at each ray's true pair (R,); -1 does not count."""
     known = true_pair[true_pair >= 0]
-    return shared_mean(-log_probability.index_select(0, known).sum(), len(known))
+    return mean_of(-log_probability.index_select(0, known).sum(), len(known))
 
 
 def normals(cloud: Tensor) -> Tensor:
@@ -192,6 +184,6 @@ def hadr_losses(
         normals=normals_loss(
             blank.index_put(cell, output.points), blank.index_put(cell, true_points), valid
         ),
-        voxel_accuracy=shared_mean((best[known] == true_pair[known]).float().sum(), known.sum()),
-        without_true_voxel=shared_mean((counts & ~known).float().sum(), counts.sum()),
+        voxel_accuracy=mean_of((best[known] == true_pair[known]).float().sum(), known.sum()),
+        without_true_voxel=mean_of((counts & ~known).float().sum(), counts.sum()),
     )

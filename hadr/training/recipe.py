@@ -55,7 +55,7 @@ class Preset:
         clip_norm: Longest gradient of a step; longer ones are scaled down. None leaves them.
         average_decay: Weights of the result: the running average of those of all steps, with this
             share kept a step, such as 0.999. None takes the last step's.
-        batch_size: Frames in a step, of each process.
+        batch_size: Frames in a step.
         true_voxel_epochs: In the first so many epochs a ray takes its true voxel, not the most
             probable one (ledger, row 10).
         ray_stride: In training only every n-th masked pixel in row and column is restored, at a
@@ -64,8 +64,7 @@ class Preset:
         mirror: Probability that a training frame is mirrored: a left hand for a right one.
         zoom: Training frames are enlarged by up to this factor and cropped; 1 leaves them.
         roll_deg: Training frames are turned about the optical axis by up to this angle, degrees.
-        precision: Arithmetic of the forward pass in training, as Lightning Fabric names it:
-            "32-true" or "bf16-mixed".
+        precision: Arithmetic of the forward pass in training, "32-true" or "bf16-mixed".
         keypoint_noise: Standard deviation of the error that each keypoint coordinate of a training
             frame is given, metres; half of the variance is common to the whole hand.
         optimizer: "adam", or "adamw" with decoupled weight decay.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -13,7 +12,7 @@ import tyro
 from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID, NAME, check_range
 from hadr.records.output_folder import check_folder
-from hadr.records.writing import PART, sole_owner
+from hadr.records.writing import sole_owner
 from hadr.training.recipe import Accelerator, Given, Precision, Preset, Schedule
 
 if TYPE_CHECKING:
@@ -60,8 +59,6 @@ class Parts:
 class Machine:
     """Where the training runs."""
 
-    devices: int = 1
-    """Processes on this machine."""
     accelerator: Accelerator = "auto"
     """auto: cuda if any; numbers of a GPU are near to those of a CPU, not equal to them."""
     precision: Precision | None = None
@@ -90,7 +87,7 @@ class Options:
     schedule: Schedule | None = None
     """How the rate falls."""
     batch_size: int | None = None
-    """Frames in a step of each process."""
+    """Frames in a step."""
     given: tyro.conf.OmitArgPrefixes[Given] = field(default_factory=Given)
     objects: Annotated[tuple[str, ...] | None, ID] = None
     """Train on these objects only."""
@@ -207,40 +204,26 @@ def with_recorded_drop(recipe: Preset, last: Path) -> Preset:
 def run(options: Options) -> int:
     """Run `hadr train`."""
     check_folder(options.out)
-    # Of several processes, which torchrun or the first of them starts, the first has the folder.
-    if int(os.environ.get("RANK") or os.environ.get("LOCAL_RANK") or 0):
-        return _train(options)
     with sole_owner(options.out, "hadr train"):
         return _train(options)
 
 
 def _train(options: Options) -> int:
-    from lightning_fabric import Fabric
-
     from hadr.data.folder_checks import check_data
     from hadr.data.samples import samples_dir
     from hadr.training.checkpoints import read_record
     from hadr.training.frames.predicted import read_split
-    from hadr.training.loop import train
-    from hadr.training.processes import OneMachine, chosen_accelerator
+    from hadr.training.loop import chosen_device, train
     from hadr.training.training_folder import LAST, TrainingFolder
 
     recipe, given, out = recipe_from(options), options.given, options.out
     for option, number, least, most in (
-        ("devices", options.machine.devices, 1, 64),
         ("epochs", recipe.epochs, 1, 100_000),
         ("batch-size", recipe.batch_size, 1, 100_000),
         ("learning-rate", recipe.learning_rate, 1e-9, 10),
     ):
         check_range(option, number, least, most)
-    devices = options.machine.devices
-    started = int(os.environ.get("LOCAL_WORLD_SIZE") or devices)
-    if started != devices:  # else each would train alone, into the one folder
-        raise ValueError(
-            f"torchrun has started {started} processes on this machine and --devices is {devices}: "
-            f"add --devices {started}"
-        )
-    accelerator = chosen_accelerator(options.machine.accelerator)
+    device = chosen_device(options.machine.accelerator)
     if options.tensorboard and importlib.util.find_spec("tensorboard") is None:
         raise ValueError("--tensorboard needs a package that is not here: pip install tensorboard")
     given.check_network(recipe.network)
@@ -255,20 +238,12 @@ def _train(options: Options) -> int:
         home.check_begun()
         if options.drop_epoch is None:
             recipe = with_recorded_drop(recipe, out / LAST)
-    fabric = Fabric(
-        accelerator=accelerator,
-        strategy=OneMachine(out / f"{PART}meeting") if devices > 1 else "auto",
-        devices=devices,
-        precision=recipe.precision,
-    )
-    fabric.launch()
     folders = options.data or (samples_dir() / "frames",)
-    first = fabric.is_global_zero
     content = {"frames_sha256": check_data(folders, ("train", "val"), options.objects)}
     if options.resume and "frames_sha256" not in (read_record(out / LAST).get("data") or {}):
         content = {}  # its training began before this was noted
     parts = {
-        split: read_split(folders, split, recipe.size, given, options.objects, progress=first)
+        split: read_split(folders, split, recipe.size, given, options.objects)
         for split in ("train", "val")
     }
     if parts["train"] is None:
@@ -284,20 +259,19 @@ def _train(options: Options) -> int:
             "folders": [folder.name for folder in folders],
             "objects": sorted(options.objects) if options.objects else "all",
             "frames": {split: len(part) for split, part in parts.items() if part is not None},
-            "processes": fabric.world_size,
+            "processes": 1,
             "precision": recipe.precision,
             **content,
             **({"start_from": options.start_from.name} if options.start_from else {}),
         },
         start=start,
         resume=options.resume,
-        fabric=fabric,
+        device=device,
         tensorboard=options.tensorboard,
     )
-    if first:
-        if len(trained.history) > recipe.epochs:
-            print(f"nothing was trained: {recipe.epochs} epochs were asked for, more are there")
-        last = trained.history[-1]
-        print(f"{len(trained.history)} epochs; the checkpoint is {out / LAST}")
-        print(", ".join(f"{name} {value:.4g}" for name, value in last.items() if name != "epoch"))
+    if len(trained.history) > recipe.epochs:
+        print(f"nothing was trained: {recipe.epochs} epochs were asked for, more are there")
+    last = trained.history[-1]
+    print(f"{len(trained.history)} epochs; the checkpoint is {out / LAST}")
+    print(", ".join(f"{name} {value:.4g}" for name, value in last.items() if name != "epoch"))
     return 0

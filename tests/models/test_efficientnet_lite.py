@@ -17,7 +17,6 @@ from hadr.models.blocks import efficientnet_lite
 from hadr.models.blocks.efficientnet_lite import EfficientNetLite0, LiteConfig
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint
 from hadr.training.presets import preset
-from hadr.training.processes import SharedBatchNorm, share_batch_norm
 from hadr.training.tasks.task import Task
 
 
@@ -157,10 +156,8 @@ def test_stages_that_are_none_are_refused(wrong: dict[str, int]) -> None:
         LiteConfig(**wrong)  # type: ignore[arg-type]
 
 
-def test_batch_normalisation_shared_by_processes_stays_frozen() -> None:
-    encoder = EfficientNetLite0(LiteConfig(pretrained=None))
-    share_batch_norm(encoder)
-    encoder.train()
-    norms = [m for m in encoder.modules() if isinstance(m, SharedBatchNorm)]
+def test_batch_normalisation_stays_frozen_in_training() -> None:
+    encoder = EfficientNetLite0(LiteConfig(pretrained=None)).train()
+    norms = [m for m in encoder.modules() if isinstance(m, torch.nn.BatchNorm2d)]
     assert len(norms) > 30
     assert not any(norm.training for norm in norms)

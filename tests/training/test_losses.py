@@ -16,6 +16,7 @@ from hadr.training.losses import (
     LossWeights,
     depth_loss,
     hadr_losses,
+    mean_of,
     normals,
     normals_loss,
     probability_loss,
@@ -161,3 +162,15 @@ def test_a_ray_without_candidate_counts_in_no_term() -> None:
     terms = hadr_losses(lost, depth, INTRINSICS, GRID)
     assert terms.depth.item() == pytest.approx(0, abs=1e-7)
     assert terms.normals.item() == pytest.approx(0, abs=1e-6)
+
+
+def test_a_mean_of_nothing_is_zero_and_has_no_gradient() -> None:
+    total = torch.tensor(6.0, requires_grad=True)
+    mean = mean_of(total, torch.tensor(4))
+    assert mean.item() == 1.5
+    mean.backward()
+    assert total.grad is not None
+    assert total.grad.item() == 0.25
+    empty = mean_of((total * 0).sum(), 0)
+    empty.backward()
+    assert (empty.item(), total.grad.item()) == (0.0, 0.25)

@@ -38,13 +38,6 @@ def test_arguments_become_a_recipe() -> None:
     assert (model.hand, model.aggregation, model.point_fusion) == ("none", False, False)
 
 
-def test_processes_of_torchrun_that_would_train_alone_are_refused(tmp_path, monkeypatch) -> None:
-    monkeypatch.setenv("LOCAL_WORLD_SIZE", "2")
-    with pytest.raises(ValueError, match=r"has started 2 processes .* add --devices 2"):
-        run(parsed("--preset", "tiny", out=tmp_path / "out"))
-    assert not (tmp_path / "out").exists()
-
-
 def test_published_weights_are_named_in_the_backbone() -> None:
     model = recipe_from(parsed("--preset", "paper", "--pretrained", "some/swin")).model
     assert isinstance(model, HADRConfig)

@@ -164,7 +164,7 @@ class EfficientNetLite0(nn.Module):
         return self
 
     def _norms(self) -> list[nn.modules.batchnorm._BatchNorm]:
-        norm = nn.modules.batchnorm._BatchNorm  # one shared by processes, too
+        norm = nn.modules.batchnorm._BatchNorm
         return [part for part in self.modules() if isinstance(part, norm)]
 
     def forward(self, color: Tensor, *, half: bool = False) -> list[Tensor]:

@@ -12,7 +12,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.backbone import enlarge
-from hadr.models.blocks.stochastic_depth import StochasticDepth
 
 
 class PyramidHead(nn.Module):
@@ -76,20 +75,21 @@ class PyramidHead(nn.Module):
         return drawn
 
 
-class ChannelDropout(StochasticDepth):
-    """Leave channels out, for each frame others; with several processes as with one.
+class ChannelDropout(nn.Module):
+    """Leave channels out, for each frame others.
 
     Each goes with probability `rate`; the rest is scaled up by 1 / (1 - rate).
     """
+
+    def __init__(self, rate: float) -> None:
+        super().__init__()
+        self.rate = rate
 
     def forward(self, branch: Tensor) -> Tensor:
         """Drop or scale the channels of (B, C, H, W)."""
         if self.rate == 0 or not self.training:
             return branch
-        rows, channels = branch.shape[:2]
-        first, total = self.share or (0, rows)
-        chance = torch.rand(total, channels, 1, 1, device=branch.device)
-        keeps = (chance >= self.rate)[first : first + rows]  # (B, C, 1, 1)
+        keeps = torch.rand(*branch.shape[:2], 1, 1, device=branch.device) >= self.rate
         return branch.div(1 - self.rate) * keeps
 
 

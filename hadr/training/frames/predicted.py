@@ -45,15 +45,12 @@ def read_split(
     size: tuple[int, int],
     given: Given,
     objects: Sequence[str] | None = None,
-    *,
-    progress: bool = True,
 ) -> FrameTensors | None:
     """Read a split of some data folders, joined; None where none of them has it."""
     found = open_split(folders, split, objects)
     if found is None:
         return None
-    bar = f"reading {split}" if progress else None
-    return load_given(found, size, given, progress=bar)
+    return load_given(found, size, given, progress=f"reading {split}")
 
 
 def load_given(source: FrameList, size: tuple[int, int], given: Given, **more: Any) -> FrameTensors:

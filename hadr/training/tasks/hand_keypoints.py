@@ -23,7 +23,7 @@ from hadr.models.hand.keypoints import (
 )
 from hadr.models.hand.weighted_regression import JointMaps, joints_of_maps, maps_of_joints
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.losses import shared_mean
+from hadr.training.losses import mean_of
 from hadr.training.recipe import Preset
 
 SHIFT_M = 0.02
@@ -106,7 +106,7 @@ def keypoint_losses(
     error = (result - joints).norm(dim=2).mean(dim=1).detach()
     number = counted.sum()
     terms = {
-        name: shared_mean((values * frames).sum(), number)
+        name: mean_of((values * frames).sum(), number)
         for name, values in (("joints", off), ("maps", dense), ("error_m", error))
     }
     return {"loss": terms["joints"] + DENSE_WEIGHT * terms["maps"], **terms}

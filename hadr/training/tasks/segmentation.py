@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from hadr.models.segmentation import SegmentationNet, predict_logits
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.losses import shared_mean
+from hadr.training.losses import mean_of
 from hadr.training.recipe import Preset
 
 _TARGETS = {"object": "object_mask", "hand": "hand_mask"}
@@ -65,8 +65,8 @@ def mask_losses(logits: Tensor, truth: Tensor) -> dict[str, Tensor]:
     dice = 1 - (2 * common + 1) / (size + 1)
     number = dice.numel()
     terms = {
-        "cross_entropy": shared_mean(entropy.mean(dim=(2, 3)).sum(), number),
-        "dice": shared_mean(dice.sum(), number),
+        "cross_entropy": mean_of(entropy.mean(dim=(2, 3)).sum(), number),
+        "dice": mean_of(dice.sum(), number),
     }
     return {"loss": terms["cross_entropy"] + terms["dice"], **terms}
 

@@ -5,14 +5,8 @@ the module that the table of networks (`hadr.models.networks`) names for its tra
 (see `Loss`), `losses` if nothing else is said, and, where the network does not restore depth, a
 function `validate(model, frames, batch_size)`.
 
-**Means.** With several processes each sees its share of a batch, and the loop averages their
-gradients. An average of averages is the average over the whole batch only where each counts the
-same. So every mean in a loss is taken with `hadr.training.losses.shared_mean(total, count)`.
-
-**Chance.** A process must not draw other numbers than one that sees the whole batch: from the
-generator a loss takes numbers for the batch (such as where strided rays begin), never one a
-frame. Frames are augmented by the loop, each from its own seed; random layers are
-`hadr.models.blocks.stochastic_depth.StochasticDepth`.
+From its generator a loss takes numbers for the batch, such as where strided rays begin; frames are
+augmented by the loop, each from its own seed.
 """
 
 from __future__ import annotations
@@ -36,7 +30,7 @@ Loss = Callable[[Preset, nn.Module, FrameTensors, int, torch.Generator], dict[st
 """Scores a batch in training: recipe, network (called as a whole, never its parts), some frames,
 augmented already, the epoch's number from 0, and a source of numbers for the whole batch, the same
 in each process. Of what it gives "loss" is minimised and the rest watched; one number each, each
-mean a `shared_mean`."""
+mean a `mean_of`."""
 
 
 class Task:
