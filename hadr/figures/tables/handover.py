@@ -18,8 +18,8 @@ from hadr.figures.tables.results import Row, markdown
 
 _SOURCES = {
     "raw": ("sensor depth", "raw", "D"),
-    "inpainted": ("inpainted depth", "baseline", "s"),
-    "unet-hand": ("U-Net with the hand", "rival", "p"),
+    "inpainted": ("inpainted depth", "voxel", "s"),
+    "unet-hand": ("U-Net with the hand", "baseline", "p"),
     "hadr": ("HADR", "hadr", "o"),
     "hadr-plus": ("HADR-plus", "robot", "*"),
     "perfect": ("perfect depth", "truth", "P"),
