@@ -19,7 +19,7 @@ from finished_runs import arguments, open_runs, trained, write_rows
 
 from hadr.data.transhand import FrameFiles, TransHand
 from hadr.experiments.protocol import LEARNED, SEEING
-from hadr.experiments.runner import Run
+from hadr.experiments.runner import Bench, Run
 from hadr.figures.depth.restored_glass import frames_at
 from hadr.metrics import frame_metrics
 from hadr.training.evaluation import predict_depth
@@ -38,15 +38,21 @@ def copy_frame(files: FrameFiles, root: Path, near: Path) -> None:
             shutil.copyfile(source, target)
 
 
+def chosen_frames(bench: Bench) -> list[str]:
+    """Choose by the rule above."""
+    scored = bench.measure(Run("known", "hadr"))["per_frame"]
+    return [scored["stems"][n] for n in frames_at(scored["rmse_m"], SHARES)]
+
+
 def main() -> None:
     """Run it."""
     parser = arguments(__doc__)
-    parser.add_argument("--near", type=Path, required=True, help="data folder of the frames")
+    parser.add_argument("--near", type=Path, help="data folder of the frames")
+    parser.add_argument("--frames", nargs="+", metavar="OBJECT/STEM", help="these, by no rule")
     args = parser.parse_args()
     bench = open_runs(args)
-    scored = bench.measure(Run("known", "hadr"))["per_frame"]
-    names = [scored["stems"][n] for n in frames_at(scored["rmse_m"], SHARES)]
-    for root in args.data:
+    names = args.frames or chosen_frames(bench)
+    for root in args.data if args.near else ():
         for files in TransHand(root, "test").files:
             if f"{files.object_id}/{files.stem}" in names:
                 copy_frame(files, root, args.near)

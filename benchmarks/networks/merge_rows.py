@@ -1,0 +1,90 @@
+"""Put rows of later trainings into the place of older ones in a result file of the tables.
+
+    python benchmarks/networks/merge_rows.py OUT/tables/known.json results/imagenet/known.json \\
+        --methods lidf dfnet hand-offset
+
+Both must be of the same frames: where their checksums differ, the hand's median depth, which learns
+nothing, has to err alike to a hundredth of a millimetre. The errors of single frames are not in the
+file; so where one of two methods is new and the other is not, the difference from the next better
+one has the standard errors of the two apart.
+"""
+
+import argparse
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from hadr.models.networks import RIVALS
+from hadr.records.result_file import ResultFile, read_result_file, write_sealed
+
+ALIKE_M = 1e-5
+Row = dict[str, Any]
+
+
+def place(row: Row) -> tuple[Any, ...]:
+    """What a row is of."""
+    return tuple(row.get(name) for name in ("method", "split", "given", "frame"))
+
+
+def check_frames(new: ResultFile, old: ResultFile) -> None:
+    """ValueError where two files are of other frames."""
+    if new.provenance["data"]["sha256"] == old.provenance["data"]["sha256"]:
+        return
+    found = [{place(row): row["rmse_m"] for row in file.rows} for file in (new, old)]
+    for key in found[0].keys() & found[1].keys():
+        if key[0] == "hand-median" and abs(found[0][key] - found[1][key]) > ALIKE_M:
+            raise ValueError(f"other frames: {key} errs by {found[0][key]} and {found[1][key]} m")
+
+
+def merged(new: ResultFile, old: ResultFile, methods: list[str]) -> list[Row]:
+    """The rows of the old file, those of some methods from the new one."""
+    fresh = {place(row): dict(row) for row in new.rows if row["method"] in methods}
+    rows = [fresh.pop(place(row), dict(row)) for row in old.rows]
+    for row in fresh.values():  # a method that the old file does not have: after the last cheap one
+        at = max(n for n, other in enumerate(rows) if other["method"] == "hand-median"
+                 and other.get("split") == row.get("split"))  # fmt: skip
+        rows.insert(at + 1, row)
+    return rows
+
+
+def compare_with_next(rows: list[Row], methods: list[str]) -> None:
+    """Give the paper's methods the difference from the next better one where that has changed."""
+    for split in ("known", "unknown"):
+        there = [row for row in rows if row["split"] == split
+                 and row["method"] in ("hadr", *RIVALS)]  # fmt: skip
+        there.sort(key=lambda row: float(row["rmse_m"]))
+        for better, row in pairwise(there):
+            told = row.get("against_next", {}).get("method")
+            new = {better["method"] in methods, row["method"] in methods}
+            if told != better["method"] or len(new) == 2:
+                row["against_next"] = {
+                    "method": better["method"],
+                    "mean_difference_m": row["rmse_m"] - better["rmse_m"],
+                    "standard_error_m": math.hypot(
+                        *(each["rmse_standard_error_m"] for each in (row, better))
+                    ),
+                }
+        if there:
+            there[0].pop("against_next", None)
+
+
+def main() -> None:
+    """Run it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("new", type=Path)
+    parser.add_argument("old", type=Path, help="is written over")
+    parser.add_argument("--methods", nargs="+", required=True)
+    args = parser.parse_args()
+    new, old = read_result_file(args.new), read_result_file(args.old)
+    check_frames(new, old)
+    rows = merged(new, old, args.methods)
+    if args.old.stem in ("known", "unknown"):
+        compare_with_next(rows, args.methods)
+    later = {"methods": args.methods, **new.provenance}
+    content = {"what": old.what, "rows": rows}
+    write_sealed(args.old, content | {"provenance": {**old.provenance, "later_rows": later}})
+
+
+if __name__ == "__main__":
+    main()
