@@ -41,10 +41,12 @@ def merged(new: ResultFile, old: ResultFile, methods: list[str]) -> list[Row]:
     """The rows of the old file, those of some methods from the new one."""
     fresh = {place(row): dict(row) for row in new.rows if row["method"] in methods}
     rows = [fresh.pop(place(row), dict(row)) for row in old.rows]
-    for row in fresh.values():  # a method that the old file does not have: after the last cheap one
-        at = max(n for n, other in enumerate(rows) if other["method"] == "hand-median"
-                 and other.get("split") == row.get("split"))  # fmt: skip
-        rows.insert(at + 1, row)
+    for row in reversed(
+        fresh.values()
+    ):  # methods that the old file lacks: after the last cheap one
+        cheap = [n for n, other in enumerate(rows) if other["method"] == "hand-median"
+                 and other.get("split") == row.get("split")]  # fmt: skip
+        rows.insert(max(cheap, default=len(rows) - 1) + 1, row)
     return rows
 
 
@@ -81,7 +83,7 @@ def main() -> None:
     rows = merged(new, old, args.methods)
     if args.old.stem in ("known", "unknown"):
         compare_with_next(rows, args.methods)
-    later = {"methods": args.methods, **new.provenance}
+    later = [*old.provenance.get("later_rows", ()), {"methods": args.methods, **new.provenance}]
     content = {"what": old.what, "rows": rows}
     write_sealed(args.old, content | {"provenance": {**old.provenance, "later_rows": later}})
 

@@ -160,14 +160,13 @@ def run(options: Options) -> int:
         at = "{}x{}".format(*EVALUATION_SIZE)
         print(
             f"split {options.split}, {len(source)} frames, depth {given.corruption}; scored at "
-            f"{at}, a pixel without an answer as those around it\n"
+            f"{at}, a pixel without an answer as those around it, if any\n"
         )
         print(f"mean of the frames' numbers\n{format_table(means)}\n")
         print(f"all pixels pooled\n{format_table(pooled)}\n")
         content["size"] = list(EVALUATION_SIZE)
-        content["rows"] = {
-            name: scores.columns(source.holds(scores.stems)) for name, scores in rows.items()
-        }
+        holds = source.holds(next(iter(rows.values())).stems)
+        content["rows"] = {name: scores.columns(holds) for name, scores in rows.items()}
         content["per_frame"] = {name: scores.per_frame() for name, scores in rows.items()}
     for one in checkpoints:
         if one.kind not in DEPTH_NETWORKS:

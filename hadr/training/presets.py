@@ -327,7 +327,7 @@ _LIDF_SEES = _seeing(  # its encoder normalises colours itself; a cosine for eac
     restarts=(8 / 12,),
     warmup_epochs=0.5,
 )
-_DFNET_SEES = _seeing(_DFNET_MINI, 9, {"view": WindowConfig(), "fill_holes": False})
+_DFNET_SEES = _seeing(_DFNET_MINI, 9, {"view": WindowConfig()})
 _SWINDRNET_SEES = _seeing(
     _SWINDRNET_MINI, 7, {"view": WindowConfig(), "lite": LiteConfig(stages=4)}
 )

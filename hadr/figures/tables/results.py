@@ -55,6 +55,7 @@ _SIGN: dict[str, tuple[str, str]] = {
     "hadr-long": ("voxel", "s"),
     "no-hand": ("glass", "o"),
     "hand-median": ("hand", "D"),
+    "hand-offset": ("hand", "d"),
 }
 _OTHER = ("raw", "o")
 

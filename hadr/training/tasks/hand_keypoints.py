@@ -46,7 +46,7 @@ def losses(
     """Score a batch; frames whose hand has no depth do not count."""
     config: Any = recipe.model
     seen = (batch.hand_mask & (batch.inputs.depth > 0)).flatten(1).any(dim=1)  # (B,)
-    # a frame without a hand stays in the batch, so that several processes keep in step
+    # a frame without a hand stays in the batch, and counts nowhere
     blank = ~seen[:, None, None]
     inputs = replace(
         batch.inputs,

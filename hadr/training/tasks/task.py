@@ -28,9 +28,8 @@ from hadr.training.tasks.pictures import Picture, depth_picture
 
 Loss = Callable[[Preset, nn.Module, FrameTensors, int, torch.Generator], dict[str, Tensor]]
 """Scores a batch in training: recipe, network (called as a whole, never its parts), some frames,
-augmented already, the epoch's number from 0, and a source of numbers for the whole batch, the same
-in each process. Of what it gives "loss" is minimised and the rest watched; one number each, each
-mean a `mean_of`."""
+augmented already, the epoch's number from 0, and a source of numbers for the whole batch. Of what
+it gives "loss" is minimised and the rest watched; one number each, each mean a `mean_of`."""
 
 
 class Task:

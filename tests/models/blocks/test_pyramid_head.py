@@ -79,7 +79,7 @@ def test_the_last_layer_is_not_rounded_to_16_bits() -> None:
     torch.testing.assert_close(drawn, torch.full_like(drawn, 0.7013))
 
 
-def test_dropout_leaves_channels_out_and_is_shared_among_processes() -> None:
+def test_dropout_leaves_channels_out() -> None:
     layer, values = ChannelDropout(0.25).train(), torch.ones(8, 100, 2, 3)
     torch.manual_seed(3)
     whole = layer(values)
