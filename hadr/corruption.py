@@ -66,7 +66,7 @@ one does not `erase`, a network so trained is given the measured depth in the ma
 
 def erase_mask(depth: FloatArray, mask: BoolArray) -> FloatArray:
     """Erase every pixel of the mask: the oracle corruption of the paper's experiments."""
-    _check_same_shape(depth, mask, "mask")
+    _check_images(depth, mask, "mask")
     return np.where(mask, np.float32(0), depth).astype(np.float32)
 
 
@@ -87,7 +87,7 @@ def ellipse_dropout(
     and erase in the mask, or wherever there is depth.
     """
     eligible = depth > 0 if mask is None else mask
-    _check_same_shape(depth, eligible, "mask")
+    _check_images(depth, eligible, "mask")
     dropped = depth.copy()
     rows, columns = np.nonzero(eligible)
     if rng.random() >= probability or rows.size == 0:
@@ -189,8 +189,8 @@ def see_through(
     Raises:
         ValueError: Shapes differ, or the shares are not in 0..1 or add up to more than 1.
     """
-    _check_same_shape(depth, mask, "mask")
-    _check_same_shape(depth, background_depth, "background_depth")
+    _check_images(depth, mask, "mask")
+    _check_images(depth, background_depth, "background_depth")
     if min(missing_share, background_share) < 0 or missing_share + background_share > 1:
         raise ValueError(
             "missing_share and background_share must be in 0..1 and add up to at most 1, "
@@ -275,12 +275,12 @@ def corrupt(
         ValueError: `see_through` without `background_depth`, `captured` without `raw_depth`, or
             shapes differ.
     """
-    _check_same_shape(depth, mask, "mask")
+    _check_images(depth, mask, "mask")
     corrupted = depth.astype(np.float32)
     if config.captured:
         if raw_depth is None:
             raise ValueError("captured needs raw_depth (H, W), got None")
-        _check_same_shape(depth, raw_depth, "raw_depth")
+        _check_images(depth, raw_depth, "raw_depth")
         corrupted = np.where(valid_depth(raw_depth), raw_depth, 0.0).astype(np.float32)
     if config.see_through:
         if background_depth is None:
@@ -313,7 +313,7 @@ def _near_and_far(depth: FloatArray, window: int) -> tuple[FloatArray, FloatArra
     return near.astype(np.float32), far.astype(np.float32)
 
 
-def _check_same_shape(depth: FloatArray, other: NDArray[Any], name: str) -> None:
+def _check_images(depth: FloatArray, other: NDArray[Any], name: str) -> None:
     if depth.ndim != 2 or depth.shape != other.shape:
         raise ValueError(
             f"depth and {name} must be (H, W) of the same size, got {depth.shape} and {other.shape}"

@@ -42,9 +42,8 @@ def merged(new: ResultFile, old: ResultFile, methods: list[str]) -> list[Row]:
     """The rows of the old file, those of some methods from the new one."""
     fresh = {place(row): dict(row) for row in new.rows if row["method"] in methods}
     rows = [fresh.pop(place(row), dict(row)) for row in old.rows]
-    for row in reversed(
-        fresh.values()
-    ):  # methods that the old file lacks: after the last cheap one
+    # methods that the old file lacks stand behind the hand's median
+    for row in reversed(fresh.values()):
         cheap = [n for n, other in enumerate(rows) if other["method"] == "hand-median"
                  and other.get("split") == row.get("split")]  # fmt: skip
         rows.insert(max(cheap, default=len(rows) - 1) + 1, row)
