@@ -4,6 +4,7 @@ Rows are dicts with ``condition``, ``attempts``, ``successes``, ``rate`` (0 to 1
 ``interval`` (low, high of 95 %) and ``failures`` (kind to count).
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.stats import binomtest, false_discovery_control
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import draw_bar_rows
 from hadr.figures.tables.results import Row, markdown
+from hadr.simulation.trials.summary import hold_of
 
 _SOURCES = {
     "raw": ("sensor depth", "raw", "D"),
@@ -178,7 +180,9 @@ def paired(first: Row, second: Row) -> tuple[int, int, float]:
 
     Returns:
         In how many attempts the first alone succeeds, in how many the second alone, and how likely
-        chance alone makes at least such a difference (two-sided sign test; 1 without any).
+        chance alone makes at least such a difference: were they alike, each hold's difference, over
+        all of its seeds, would as well have gone the other way (two-sided, exact; 1 without any).
+        With one seed that is the sign test.
 
     Raises:
         ValueError: They have made no attempt alike.
@@ -188,10 +192,19 @@ def paired(first: Row, second: Row) -> tuple[int, int, float]:
         raise ValueError(
             f"{first['condition']} and {second['condition']} have not made the same attempts"
         )
-    won = [tuple(row["verdicts"][name] == "success" for row in (first, second)) for name in shared]
-    ahead, behind = won.count((True, False)), won.count((False, True))
-    doubt = float(binomtest(ahead, ahead + behind).pvalue) if ahead + behind else 1.0
-    return ahead, behind, doubt
+    gains = Counter[int]()  # of one attempt: 1, 0 or -1
+    of_hold = Counter[str]()
+    for name in shared:
+        one, other = (row["verdicts"][name] == "success" for row in (first, second))
+        gains[one - other] += 1
+        of_hold[hold_of(name)] += one - other
+    gaps = [abs(gain) for gain in of_hold.values()]
+    chances = np.ones(1)  # of each sum of the gaps' signs, from -sum(gaps) to sum(gaps)
+    for gap in gaps:
+        chances = (np.pad(chances, (0, 2 * gap)) + np.pad(chances, (2 * gap, 0))) / 2
+    sums = np.abs(np.arange(len(chances)) - sum(gaps))
+    doubt = float(chances[sums >= abs(of_hold.total())].sum())
+    return gains[1], gains[-1], doubt
 
 
 def compared(rows: Sequence[Row], pairs: Sequence[tuple[str, str]]) -> str:

@@ -42,6 +42,7 @@ class CapturedFrame:
         color: sRGB, shape (H, W, 3) uint8, or None where no colour was asked for.
         raw_depth: Measured z-depth, metres, float32; 0 is missing. The others are true.
         hand_mask: The hand's and forearm's pixels.
+        arm_mask: The robot's, as it draws itself from its joints and where it believes the camera.
         keypoints: True keypoints, camera frame, metres, shape (21, 3).
     """
 
@@ -96,17 +97,22 @@ class RobotCamera:
         color: bool = True,
     ) -> CapturedFrame:
         """Take a picture; `rng` draws the sensors' noise, colour takes most of the time."""
-        arm = self._arm_in_view(state)
-        view = self._view(scene.opened(state.opened))
-        view = view.at(state.base_from_wrist, state.base_from_object, arm)
+        color_rng, depth_rng = rng.spawn(2)  # the depth is the same with colour and without
+        moved = self._view(scene.opened(state.opened))
+        poses = state.base_from_wrist, state.base_from_object
+        view = moved.at(*poses, self._arm_in_view(state, self.base_from_camera))
         labels = view.seen(self.intrinsics, self.base_from_camera)
         picture = None
         if color:
-            light = view.light(self.intrinsics, self.base_from_camera, rng)
-            picture = develop(light, rng, ColorCamera())
+            light = view.light(self.intrinsics, self.base_from_camera, color_rng)
+            picture = develop(light, color_rng, ColorCamera())
         raw = DepthSensor().measure(
-            labels.depth, labels.background_depth, labels.object_mask, self.intrinsics, rng
+            labels.depth, labels.background_depth, labels.object_mask, self.intrinsics, depth_rng
         )
+        if self.calibrated is not None:
+            believed = moved.at(*poses, self._arm_in_view(state, self.calibrated))
+            drawn = believed.seen(self.intrinsics, self.calibrated).arm_mask
+            labels = labels._replace(arm_mask=drawn)
         keypoints = self.true_keypoints(state, scene)
         return CapturedFrame(picture, raw, *labels, keypoints, self.intrinsics)
 
@@ -124,7 +130,8 @@ class RobotCamera:
         size = [self.intrinsics.width - 0.5, self.intrinsics.height - 0.5]
         inside: Mask = (uv >= -0.5) & (uv <= size)  # NaN is outside
         found: Mask = np.asarray(inside.all(axis=1))
-        parts = self._arm_in_view(state, uv[found]) if found.any() else []
+        here = self.base_from_camera
+        parts = self._arm_in_view(state, here, uv[found]) if found.any() else []
         if parts:
             camera_from_base = np.linalg.inv(self.base_from_camera).astype(np.float64)
             arm = merged(tuple(surface for surface, _ in parts)).moved(camera_from_base)
@@ -143,12 +150,14 @@ class RobotCamera:
         hidden: Mask = behind * np.linalg.norm(rays, axis=1) > UNDER_SKIN
         return hidden
 
-    def _arm_in_view(self, state: WorldState, pixels: Array | None = None) -> list[Part]:
-        """The arm's parts that a ray of this camera may meet: most of it is beside the picture.
+    def _arm_in_view(
+        self, state: WorldState, base_from_camera: Array, pixels: Array | None = None
+    ) -> list[Part]:
+        """The arm's parts that a ray of a camera there may meet: most of it is beside the picture.
 
         Of rays that lie among some pixels (n, 2), where they are given.
         """
-        camera_from_base = np.linalg.inv(self.base_from_camera)
+        camera_from_base = np.linalg.inv(base_from_camera)
         # the picture is the part of space on the inner side of four planes through the camera
         c = self.intrinsics
         if pixels is None:

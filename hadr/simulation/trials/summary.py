@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
+from scipy.stats import norm
 
 from hadr.handover.stages import Stage
 
@@ -39,6 +39,31 @@ def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
             raise ValueError(f"attempt {name} is there twice")
         found[name] = row["verdict"]
     return found
+
+
+def hold_of(name: str) -> str:
+    """Object and hold of an attempt's name in `verdicts`, which other seeds share: "0001-905"."""
+    return "-".join(name.split("-")[:2])
+
+
+def success_interval(won: Mapping[str, bool]) -> list[float]:
+    """Wilson's 95 % interval of a rate of success, from each attempt's by name; two shares, 0..1.
+
+    Attempts of one hold with several seeds are alike. The number of attempts is therefore divided
+    by Kish's design effect, how much more the holds' means vary than those of independent attempts
+    would; at least one attempt a hold is left, and no more than there are.
+    """
+    of_hold: dict[str, list[bool]] = {}
+    for name, success in won.items():
+        of_hold.setdefault(hold_of(name), []).append(success)
+    count, holds, rate = len(won), len(of_hold), float(np.mean(list(won.values())))
+    apart = sum((sum(tries) - len(tries) * rate) ** 2 for tries in of_hold.values())
+    variance = apart / count**2 * holds / max(holds - 1, 1)
+    alike = rate * (1 - rate) / max(variance, 1e-12)  # independent attempts that would vary so
+    n = float(np.clip(alike, holds, count))
+    z = float(norm.ppf(0.975))
+    middle, half = rate + z**2 / (2 * n), z * np.sqrt(rate * (1 - rate) / n + (z / (2 * n)) ** 2)
+    return [float((middle + side * half) / (1 + z**2 / n)) for side in (-1, 1)]
 
 
 def _stage(row: dict[str, Any]) -> str:
@@ -74,7 +99,7 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
     """Sum a condition's outcomes of `run_attempts` up as a row of the result file.
 
     Returns:
-        Attempts, successes, their rate with Wilson's 95 % interval, how many objects reach 0.5, 0.8
+        Attempts, successes, their rate with its 95 % interval (`success_interval`), how many objects reach 0.5, 0.8
         and 1.0 as in the paper's table, successes and attempts by the hand's motion, failures by
         kind, time-outs by the stage in which they came, for each of the `incidents` the successes
         and attempts in which it happened, mean times in seconds, the smallest distance to the hand
@@ -126,12 +151,11 @@ def _rates(ends: Mapping[str, str]) -> dict[str, Any]:
     for name in sorted(won):
         of_object.setdefault(name.partition("-")[0], []).append(won[name])
     rates = {name: float(np.mean(tries)) for name, tries in of_object.items()}
-    interval = binomtest(sum(won.values()), len(won)).proportion_ci(0.95, "wilson")
     return {
         "attempts": len(won),
         "successes": sum(won.values()),
         "rate": sum(won.values()) / len(won),
-        "interval": [float(interval.low), float(interval.high)],
+        "interval": success_interval(won),
         "objects_at_50_percent": sum(rate > 0.5 for rate in rates.values()),
         "objects_at_80_percent": sum(rate > 0.8 for rate in rates.values()),
         "objects_at_100_percent": sum(rate >= 1.0 for rate in rates.values()),

@@ -104,6 +104,18 @@ def test_two_conditions_are_compared_attempt_by_attempt():
     assert paired(more, first) == (1, 0, 1.0)  # of the only one that both have made
 
 
+def test_seeds_of_one_hold_are_one_trial_of_chance() -> None:
+    always = [f"0000-{hold}{seed}" for hold in (1, 2) for seed in ("", "-1", "-2")]
+    worse = {"condition": "b", "verdicts": dict.fromkeys(always, "drop")}
+    better = {"condition": "a", "verdicts": dict.fromkeys(always, "success")}
+    assert paired(better, worse) == (6, 0, 0.5)  # two holds: both ahead or both behind, of four
+    # holds with gaps of 3 and -1: of 4, 2, -2, -4, as likely each, all are at least 2 from 0
+    split = {**better["verdicts"], "0000-2": "drop", "0000-2-1": "drop", "0000-2-2": "drop"}
+    mixed = {**worse["verdicts"], "0000-2-2": "success"}
+    first, second = {"condition": "a", "verdicts": split}, {"condition": "b", "verdicts": mixed}
+    assert paired(first, second) == (3, 1, 1.0)
+
+
 def test_chances_are_corrected_for_their_number():
     won = {"raw": 0, "hadr": 8, "hadr-plus": 8}  # of eight attempts
     rows = [

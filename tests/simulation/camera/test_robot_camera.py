@@ -138,7 +138,7 @@ def test_leaving_out_parts_beside_the_picture_changes_nothing(
     few = camera.capture(at(scene, 0.0), scene, np.random.default_rng(0), color=False)
     assert few.arm_mask.any()
     everything = arm_surfaces(HOME_JOINTS, 0.085)
-    assert len(camera._arm_in_view(at(scene, 0.0))) < len(everything) / 2
+    assert len(camera._arm_in_view(at(scene, 0.0), camera.base_from_camera)) < len(everything) / 2
     monkeypatch.setattr(RobotCamera, "_arm_in_view", lambda self, *_: everything)
     full = camera.capture(at(scene, 0.0), scene, np.random.default_rng(0), color=False)
     np.testing.assert_array_equal(few.depth, full.depth)
@@ -152,6 +152,8 @@ def test_pictures_look_like_the_training_frames_and_repeat(
     assert again.color is not None
     np.testing.assert_array_equal(one.color, again.color)
     np.testing.assert_array_equal(one.raw_depth, again.raw_depth)
+    gray = camera.capture(at(scene, 0.0), scene, np.random.default_rng(5), color=False)
+    np.testing.assert_array_equal(gray.raw_depth, one.raw_depth)  # whoever needs no colour
     # bundled validation frames: mean 131 to 167, standard deviation 25 to 70
     assert 125 < one.color.mean() < 175
     assert 20 < one.color.std() < 75
@@ -164,6 +166,20 @@ def test_pictures_look_like_the_training_frames_and_repeat(
     # the glass itself is seldom measured; without it 0.02 would be right by chance
     assert 0.03 < (error[one.object_mask] < 0.01).mean() < 0.12
     assert 0.0005 < np.median(error[one.hand_mask & ~missing]) < 0.004
+
+
+def test_the_arm_is_masked_where_the_calibration_expects_it(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
+    turned, rng = camera.miscalibrated(6.0, seed=4), np.random.default_rng
+    there = RobotCamera(turned.calibration)  # a camera that stands where the other is believed to
+    true, drawn, exact = (
+        one.capture(at(scene, 0.0), scene, rng(0), color=False) for one in (camera, turned, there)
+    )
+    np.testing.assert_array_equal(drawn.arm_mask, exact.arm_mask)
+    assert (drawn.arm_mask != true.arm_mask).sum() > 0.2 * true.arm_mask.sum()
+    for name in ("depth", "raw_depth", "object_mask", "hand_mask"):  # the picture is the same
+        np.testing.assert_array_equal(getattr(drawn, name), getattr(true, name))
 
 
 @pytest.mark.parametrize("degrees", [0.0, 3.0])

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 from hadr.handover.guarded_arm import too_near
 from hadr.handover.safety import withdrawal
-from hadr.simulation.trials.summary import condition_row
+from hadr.simulation.trials.summary import condition_row, success_interval
 
 HOLDS = count()
 
@@ -111,6 +112,20 @@ def test_attempts_of_several_seeds_are_told_apart() -> None:
     second = {**first, "trial": {**first["trial"], "seed": 3}}
     name = f"0000-{first['trial']['hold_number']}"
     assert list(condition_row("raw", [first, second])["verdicts"]) == [name, f"{name}-3"]
+
+
+def test_the_interval_is_wilsons_and_seeds_of_a_hold_that_always_agree_count_once() -> None:
+    ten = {f"0000-{hold}": hold < 7 for hold in range(10)}
+    wilson = binomtest(7, 10).proportion_ci(0.95, "wilson")
+    assert success_interval(ten) == pytest.approx([wilson.low, wilson.high])
+    agree = {f"{name}-{seed}": won for name, won in ten.items() for seed in range(1, 5)}
+    assert success_interval(agree) == pytest.approx(success_interval(ten))
+    # in each hold two of four: nothing depends on the hold, all 40 count
+    mixed = {f"0000-{hold}-{seed}": seed < 3 for hold in range(10) for seed in range(1, 5)}
+    wilson = binomtest(20, 40).proportion_ci(0.95, "wilson")
+    assert success_interval(mixed) == pytest.approx([wilson.low, wilson.high])
+    never = {name: False for name in agree}  # which says nothing of how alike seeds are
+    assert success_interval(never) == pytest.approx(success_interval(dict.fromkeys(ten, False)))
 
 
 def test_objects_above_the_papers_marks() -> None:
