@@ -41,8 +41,7 @@ from hadr.records.result_file import write_result_file
 TIMEOUT = 30.0
 """After so many seconds of the processor a case has no answer."""
 IDLE = 40
-"""After so many seconds without work neither; a Dask scheduler that does not answer is given up
-after 10."""
+"""After so many seconds without work neither."""
 
 
 class Worker:

@@ -36,7 +36,7 @@ WORKSHOPS = ("synthesis", "simulation", "experiments")
 PRESS = ("figures", "press")
 ROOMS = (*METHOD, *WORKSHOPS, *PRESS, "cli")
 #: Packages that `import hadr` and the method must not load.
-HEAVY = ("matplotlib", "mitsuba", "mujoco", "dask", "manifold3d", "hadr.synthesis", "hadr.figures")
+HEAVY = ("matplotlib", "mitsuba", "mujoco", "manifold3d", "hadr.synthesis", "hadr.figures")
 
 
 def modules() -> list[Path]:

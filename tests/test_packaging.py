@@ -34,7 +34,6 @@ ON_PHYSICAL = {
 }
 #: What comes with a dependency that is named.
 COMES_WITH = {
-    "distributed": "dask",
     "drjit": "mitsuba",
     "ipython": "ipykernel",
     "nbclient": "papermill",

@@ -212,7 +212,6 @@ OPTIONS = (
     (GENERATE, "objects", ("9999", "", "0", "0000\t0000", "../0000", "0002")),
     (GENERATE, "engine", ("foo", "")), (GENERATE, "split-by", ("foo", "")),
     (GENERATE, "normals", ("foo",)), (GENERATE, "preset", ("foo", "")),
-    (GENERATE, "scheduler", ("", "nonsense", "tcp://", "tcp://127.0.0.1:1", "file:///etc/passwd")),
     (TRAIN, "epochs", (*WHOLE, "0")), (TRAIN, "drop-epoch", (*WORD, "1.5", "-1")),
     (TRAIN, "batch-size", (*WHOLE, "0")), (TRAIN, "learning-rate", (*REAL, "0")),
     (TRAIN, "keypoint-noise", REAL), (TRAIN, "seed", SEEDS),

@@ -30,7 +30,6 @@ PROVENANCE_PACKAGES = (
     "opencv-python-headless",
     "mitsuba",
     "pyoidn",
-    "dask",
     "mujoco",
     "mink",
 )

@@ -11,12 +11,10 @@ missing or damaged.
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -25,7 +23,7 @@ import torch
 
 from hadr.handover.stages import Stage, Transition
 from hadr.records.caches import file_sha256
-from hadr.records.processes import end_with_parent, one_thread
+from hadr.records.processes import one_thread, run_tasks
 from hadr.records.provenance import plain, record_of
 from hadr.records.reading import read_json, structured
 from hadr.records.result_file import digest, is_sealed, seal_row, sealed_row
@@ -74,66 +72,18 @@ def run_attempts(
 
     Raises:
         KeyboardInterrupt: Interrupted. What was under way is lost, what was finished stays.
+        ChildProcessError: A process died.
     """
     trials = list(trials)
     rows = {i: row for i, trial in enumerate(trials) if (row := _finished_row(out, trial))}
     missing = [i for i in range(len(trials)) if i not in rows]
-    make = _here if jobs == 1 or not missing else _in_processes
-    with closing(make(trials, missing, out, min(jobs, len(missing)))) as finished:
-        for i, row in chain(list(rows.items()), finished):
+    made = run_tasks(partial(_attempt, out=out), [trials[i] for i in missing], jobs)
+    with closing(made):
+        for i, row in chain(list(rows.items()), ((missing[n], row) for n, row in made)):
             rows[i] = row
             if report is not None:
                 report(trials[i], row)
     return [rows[i] for i in range(len(trials))]
-
-
-def _here(
-    trials: Sequence[Trial], missing: Iterable[int], out: Path, _: int
-) -> Generator[tuple[int, dict[str, Any]]]:
-    """As `_in_processes`, in this one."""
-    # sums have one order then, whatever the number of jobs
-    with one_thread(torch.get_num_threads, torch.set_num_threads):
-        for i in missing:
-            yield i, _attempt(trials[i], out)
-
-
-def _in_processes(
-    trials: Sequence[Trial], missing: Iterable[int], out: Path, jobs: int
-) -> Generator[tuple[int, dict[str, Any]]]:
-    """Make attempts in processes, and give each one's number and outcome as it is finished."""
-    # processes are spawned: a forked one would inherit PyTorch's threads
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _begin_worker)
-    try:
-        with _interrupts_wait():
-            under_way = {pool.submit(_attempt, trials[i], out): i for i in missing}
-        for future in as_completed(under_way):
-            yield under_way[future], future.result()
-    except BaseException:
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def _interrupts_wait() -> Iterator[None]:
-    """Put Ctrl-C off; a process that is started meanwhile never hears of it."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _begin_worker() -> None:
-    """Make a process ready for attempts: Ctrl-C is its parent's business, and it ends with it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()
-    torch.set_num_threads(1)
 
 
 def is_finished(out: Path, trial: Trial) -> bool:
@@ -167,7 +117,9 @@ def _attempt(trial: Trial, out: Path) -> dict[str, Any]:
     path = _path(out, trial)
     path.parent.mkdir(parents=True, exist_ok=True)
     sha = digest(trial.record)  # of the code as it is before the attempt
-    run = run_trial(trial)
+    # sums have one order then, whatever the number of jobs
+    with one_thread(torch.get_num_threads, torch.set_num_threads):
+        run = run_trial(trial)
     files = _companions(path)
     _keep_changed(path, files)
     save_states(files["states_sha256"], run.states)

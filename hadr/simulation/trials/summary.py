@@ -99,12 +99,12 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
     """Sum a condition's outcomes of `run_attempts` up as a row of the result file.
 
     Returns:
-        Attempts, successes, their rate with its 95 % interval (`success_interval`), how many objects reach 0.5, 0.8
-        and 1.0 as in the paper's table, successes and attempts by the hand's motion, failures by
-        kind, time-outs by the stage in which they came, for each of the `incidents` the successes
-        and attempts in which it happened, mean times in seconds, the smallest distance to the hand
-        in metres, the largest force on it in newtons, also by way and stage, the means of
-        `BELIEVED` in successes and in failures, and each attempt's verdict.
+        Attempts, successes, their rate with its 95 % interval (`success_interval`), how many
+        objects reach 0.5, 0.8 and 1.0 as in the paper's table, successes and attempts by the hand's
+        motion, failures by kind, time-outs by the stage in which they came, for each of the
+        `incidents` the successes and attempts in which it happened, mean times in seconds, the
+        smallest distance to the hand in metres, the largest force on it in newtons, also by way and
+        stage, the means of `BELIEVED` in successes and in failures, and each attempt's verdict.
 
     Raises:
         ValueError: There is no outcome, or an attempt is there twice.

@@ -59,9 +59,7 @@ class Options:
     no_sensor: bool = False
     """Without it, whatever the preset says."""
     workers: int | None = None
-    """Processes; unset: one per core, 1 without Dask."""
-    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    """Address of a Dask cluster instead, e.g. tcp://host:8786."""
+    """Processes; unset: one per core."""
     settings: Annotated[Given, tyro.conf.arg(name="")] = field(default_factory=Given)
 
 
@@ -100,7 +98,6 @@ def _settings(options: Options) -> GenerationSettings:
 def run(options: Options) -> int:
     """Carry out ``hadr generate``; returns the exit code."""
     from hadr.records.provenance import usable_cores
-    from hadr.synthesis.generation.farm import dask_installed
     from hadr.synthesis.generation.generate import generate
 
     root = options.out or options.root
@@ -110,8 +107,6 @@ def run(options: Options) -> int:
     if frames is None:
         frames = PRESETS[options.preset].frames if options.preset else 64
     if workers is None:
-        alone = options.scheduler or options.preset == "tiny" or not dask_installed()
-        workers = 1 if alone else usable_cores()
-    scheduler = options.scheduler
-    print(generate(root, frames, settings, workers=workers, scheduler=scheduler, progress=True))
+        workers = 1 if options.preset == "tiny" else usable_cores()
+    print(generate(root, frames, settings, workers=workers, progress=True))
     return 0

@@ -9,11 +9,11 @@ depend on it: all workers use the same one, and one that can't ends the run with
 from __future__ import annotations
 
 import time
-from contextlib import ExitStack
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import cv2
 import numpy as np
@@ -23,8 +23,7 @@ from tqdm import tqdm
 import hadr
 from hadr.data.frame import write_frame
 from hadr.data.frame_pictures import DisparityScale
-from hadr.records.processes import one_thread
-from hadr.synthesis.generation.farm import check_workers, connected, run_tasks
+from hadr.records.processes import check_workers, one_thread, run_tasks
 from hadr.synthesis.generation.folder import generation_folder, recorded_settings, whole_frames
 from hadr.synthesis.generation.frames import (
     build_scene,
@@ -42,7 +41,6 @@ from hadr.synthesis.generation.settings import (
 )
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.rendering.mitsuba_variant import (
-    LLVM,
     REMEDY,
     SCALAR,
     VARIANT_VARIABLE,
@@ -115,8 +113,8 @@ def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -
     )
 
 
-def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> Variant:
-    """The variant asked for, else that of the folder's frames, else the fastest for all workers."""
+def _chosen_variant(settings: GenerationSettings, root: Path) -> Variant:
+    """The variant asked for, else that of the folder's frames, else the fastest that works."""
     recorded, wanted = recorded_settings(root).get("variant"), wanted_variant()
     variant = settings.variant or wanted or recorded
     if settings.variant is None and recorded not in (None, variant):
@@ -124,12 +122,8 @@ def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> Va
             f"{VARIANT_VARIABLE} is {wanted!r}, but the frames in {root} are made with {recorded!r}"
             ": unset it, or choose another folder"
         )
-    if variant is None:
-        # Each worker of a cluster finds out for itself what it can use.
-        told = {} if client is None else client.run(mitsuba_variant)
-        usable = set(told.values()) or {mitsuba_variant()}
-        variant = SCALAR if SCALAR in usable else LLVM
-    if client is None and variant != recorded:  # there may be nothing left to draw
+    variant = variant or mitsuba_variant()
+    if variant != recorded:  # there may be nothing left to draw
         check_variant(variant)
     return cast(Variant, variant)
 
@@ -140,7 +134,6 @@ def generate(
     settings: GenerationSettings,
     *,
     workers: int = 1,
-    scheduler: str | None = None,
     progress: bool = False,
 ) -> GenerationReport:
     """Make a data set, or finish one that was begun.
@@ -149,10 +142,8 @@ def generate(
         root: Where it goes; frames that lie there with all their files are kept as they are.
         n_frames: How many frames it shall have.
         settings: What they have in common. Frames of one folder have one variant of Mitsuba; where
-            none is named, a new folder gets the fastest that all workers can use, on a cluster
-            those that are there at the start.
+            none is named, a new folder gets the fastest that works here.
         workers: Processes that work at the same time.
-        scheduler: Address of a Dask cluster that does the work instead.
         progress: Shows a bar with the remaining time.
 
     Raises:
@@ -163,40 +154,34 @@ def generate(
     """
     if not 1 <= n_frames <= MOST_FRAMES:
         raise ValueError(f"the number of frames must be from 1 to {MOST_FRAMES}, got {n_frames}")
-    check_workers(workers, scheduler)
+    check_workers(workers)
     if settings.engine == "photo":
         check_installed()
     start, root, asked = time.perf_counter(), Path(root), settings.variant
-    # Workers of a cluster start elsewhere.
-    settings = replace(
-        settings,
-        recordings=settings.recordings and str(Path(settings.recordings).absolute()),
-        backgrounds=settings.backgrounds and str(Path(settings.backgrounds).absolute()),
-    )
     if settings.backgrounds is not None:
         check_backgrounds(settings.backgrounds)
     recipes = [settings.recipe(i) for i in range(n_frames)]
     if settings.recordings is not None:
         for same_hold in recipes_by_hold(recipes):
             recipe_recording(same_hold[0], settings)
-    with ExitStack() as stack:
-        client = stack.enter_context(connected(scheduler))
-        if settings.engine == "photo":
-            settings = replace(settings, variant=_chosen_variant(settings, root, client))
-        stack.enter_context(generation_folder(root, settings))
+    if settings.engine == "photo":
+        settings = replace(settings, variant=_chosen_variant(settings, root))
+    with generation_folder(root, settings):
         whole = whole_frames(root, recipes, settings)
         todo = [r for r in recipes if r.index not in whole]
         kept = n_frames - len(todo)
-        slow = settings.variant == SCALAR and not (asked or client or wanted_variant())
+        slow = settings.variant == SCALAR and not (asked or wanted_variant())
         if slow and progress and todo:
             why = why_not_llvm()
             why = f"{why}; to become faster, {REMEDY}" if why else f"as all frames in {root}"
             print(f"drawing with Mitsuba's slower variant {SCALAR}: {why}", flush=True)
-        make = partial(_make_frames, root=root.absolute(), settings=settings)
+        make = partial(_make_frames, root=root, settings=settings)
+        made = run_tasks(make, recipes_by_hold(todo), workers)
+        bar = tqdm(total=n_frames, initial=kept, unit="frame", disable=not progress)
         try:
-            with tqdm(total=n_frames, initial=kept, unit="frame", disable=not progress) as bar:
-                for made in run_tasks(make, recipes_by_hold(todo), workers=workers, client=client):
-                    bar.update(made)
+            with bar, closing(made):
+                for _, count in made:
+                    bar.update(count)
         except OSError as error:
             written = len(whole_frames(root, todo, settings))
             error.add_note(f"{written} frames were written to {root}, all of them whole")

@@ -198,6 +198,6 @@ PRESETS: dict[str, Preset] = {
     "paper": Preset(
         14100,
         replace(_TRACED, seed=2, width=1280, height=720, jpeg_quality=95),
-        "as many frames as TransHand-14K and as large: 14,100 of 1280x720; for a cluster",
+        "as many frames as TransHand-14K and as large: 14,100 of 1280x720; takes days",
     ),
 }

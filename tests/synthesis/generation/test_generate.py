@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 from dataclasses import asdict, replace
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -18,7 +17,7 @@ from hadr.data.transhand import TransHand
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.synthesis.generation.folder import whole_frames
 from hadr.synthesis.generation.frames import render_frame
-from hadr.synthesis.generation.generate import _chosen_variant, generate
+from hadr.synthesis.generation.generate import generate
 from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.holding.hold import make_hold
 from hadr.synthesis.recordings.motion import record_hold
@@ -141,20 +140,10 @@ def test_photographs_are_checked_before_the_folder_is_taken(tmp_path):
     assert generate(tmp_path / "set", 1, settings).written == 1
 
 
-def test_a_cluster_that_does_not_answer_leaves_the_folder_alone(tmp_path, monkeypatch):
-    pytest.importorskip("distributed", reason="Dask is not installed: pip install 'hadr[generate]'")
-    monkeypatch.setattr("hadr.synthesis.generation.farm.PATIENCE", 0.5)
-    settings = GenerationSettings(width=48, height=27, quality="fast")
-    with pytest.raises(OSError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        generate(tmp_path / "set", 1, settings, scheduler="tcp://127.0.0.1:9")
-    assert not (tmp_path / "set").exists()
-
-
-def test_the_command_refuses_workers_beside_a_cluster_and_names_what_is_wrong(tmp_path, capsys):
+def test_the_command_names_what_is_wrong(tmp_path, capsys):
     start = ["generate", "--preset", "tiny", "--out", str(tmp_path / "set")]
     for line, message in (
-        ("--workers 2 --scheduler tcp://h:1", "2 workers of this machine or the cluster at tcp:"),
-        ("--workers 0", "workers must be from 1 to 1024, got 0"),
+        ("--workers 0", "workers must be from 1 to 61, got 0"),
         ("--frames 0", "the number of frames must be from 1 to 1000000, got 0"),
         ("--frames 1000000000", "the number of frames must be from 1 to 1000000"),
         ("--backgrounds /nowhere", "no folder of photographs at /nowhere"),
@@ -294,19 +283,6 @@ def test_the_command_says_why_it_is_slow_and_what_helps(tmp_path, monkeypatch, c
     ):
         assert main([*words, *more]) == 0
         assert (sentence in capsys.readouterr().out) == told
-
-
-def test_one_variant_for_all_workers_of_a_cluster(tmp_path, monkeypatch):
-    def chosen(answers, **more):
-        client = SimpleNamespace(run=lambda function: dict(enumerate(answers)))
-        return _chosen_variant(GenerationSettings(engine="photo", **more), tmp_path, client)
-
-    monkeypatch.delenv("HADR_MITSUBA_VARIANT", raising=False)
-    monkeypatch.setattr("hadr.synthesis.generation.generate.mitsuba_variant", lambda: "scalar_rgb")
-    assert chosen(["llvm_ad_rgb", "llvm_ad_rgb"]) == "llvm_ad_rgb"
-    assert chosen(["llvm_ad_rgb", "scalar_rgb"]) == "scalar_rgb"
-    assert chosen(["scalar_rgb"], variant="llvm_ad_rgb") == "llvm_ad_rgb"
-    assert chosen([]) == "scalar_rgb"  # no worker is there yet
 
 
 def test_a_variant_that_cant_be_used_is_refused_before_anything_is_made(tmp_path, monkeypatch):
