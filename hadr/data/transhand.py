@@ -179,11 +179,10 @@ class TransHand(Sequence[Frame]):
         def load_depth(path: Path, key: str) -> npt.NDArray[np.float32]:
             if path.suffix == ".npy":
                 return load(path, decode_depth_array)
-            scale = log.get(key, self._depth_scale)
+            scale = log.get(key, self._depth_scale if key == DEPTH_SCALE_KEY else None)
             if scale is None:
-                raise ValueError(
-                    f"{path}: the log does not name {key!r}; pass depth_scale= (metres per step)"
-                )
+                remedy = "; pass depth_scale= (metres per step)" if key == DEPTH_SCALE_KEY else ""
+                raise ValueError(f"{path}: the log does not name {key!r}{remedy}")
             scale = structured(scale, float, f"{files.log}: {key!r}")
             if not 0 < scale <= LARGEST_STEP_M:
                 raise ValueError(
@@ -212,9 +211,13 @@ class TransHand(Sequence[Frame]):
         elif files.raw_depth is not None:
             raw = load_depth(files.raw_depth, RAW_SCALE_KEY)
         camera = self._camera or log_camera(log, width, height, files.log)
+        if camera.shape != (height, width):
+            raise ValueError(
+                f"{files.color} is {width}x{height}, but its camera {camera.width}x{camera.height}"
+            )
         pose = log_pose(log, files.log)
         keypoints = transform_points(np.linalg.inv(pose), log_keypoints(log, files.log))
-        uv = _read_keypoints_uv(files.hand_kpt)
+        uv = read_keypoints_uv(files.hand_kpt)
         return Frame(
             files.stem,
             files.object_id,
@@ -316,7 +319,8 @@ def _check_pairs(
         )
 
 
-def _read_keypoints_uv(path: Path) -> Array:
+def read_keypoints_uv(path: Path) -> Array:
+    """Read the pixels (21, 2) of a frame's keypoints; ValueError where it lacks one."""
     try:
         lines = read_bytes(path).decode("utf-8").splitlines()
         words = [line.split() for line in lines if line.strip()]

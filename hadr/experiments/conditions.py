@@ -14,20 +14,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from hadr.data.samples import samples_dir
 from hadr.experiments.averages import paired, standard_error
 from hadr.experiments.runner import Bench, Run, code_of
-from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth, score_network
-from hadr.models.network_input import enlarge_restored
+from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap, score_network
 from hadr.models.networks import RIVALS
 from hadr.records.caches import file_sha256
 from hadr.records.provenance import provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.training.checkpoints import load_checkpoint
-from hadr.training.evaluation import CLASSICAL
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.frames.predicted import load_given
 from hadr.training.recipe import Given
@@ -105,7 +102,7 @@ def measure_condition(bench: Bench, run: Run, name: str, given: Given) -> dict[s
     started = time.perf_counter()
     truth = condition_frames(bench, run, EVALUATION_SIZE, given)
     if run.method == "hand-median":
-        scores = hand_median(truth)
+        scores = score_cheap(truth, "hand-median")
     else:
         model, meta = load_checkpoint(bench.out / run.name / LAST)
         if meta["epochs"] != finished["epochs"]:
@@ -168,20 +165,6 @@ def condition_frames(bench: Bench, run: Run, size: tuple[int, int], given: Given
         return replace(frames, inputs=replace(frames.inputs, depth=depth))
 
     return bench.kept((run.experiment, given, size), load)
-
-
-def hand_median(truth: FrameTensors) -> Scores:
-    """Score the hand's median depth by the networks' rule: it answers in the mask that it is given.
-
-    Where the true mask goes beyond, a pixel takes the depth of those around it.
-    """
-    images, own = [], []
-    for number in range(len(truth)):
-        depth = CLASSICAL["hand-median"](truth, number)
-        known = truth.inputs.mask[number].numpy() & (depth > 0)
-        images.append(enlarge_restored(depth[None], known, known, known.shape)[0][0])
-        own.append(known)
-    return score_depth(np.stack(images), truth, np.stack(own))
 
 
 def condition_rows(

@@ -81,12 +81,12 @@ class Options:
 
 def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) -> dict[str, Scores]:
     """Score depth networks and the methods that learn nothing on the same frames."""
-    from hadr.experiments.scoring import EVALUATION_SIZE, cheap_depth, score_depth, score_network
+    from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap, score_network
     from hadr.training.evaluation import CLASSICAL
     from hadr.training.frames.predicted import load_given
 
     truth = load_given(source, EVALUATION_SIZE, given, keep_all=True)  # the same at each size
-    rows = {name: score_depth(cheap_depth(truth, name), truth) for name in CLASSICAL}
+    rows = {name: score_cheap(truth, name) for name in CLASSICAL}
     for one in checkpoints:
         own = load_given(source, one.size, given, keep_all=True)
         rows[one.name] = score_network(one.model, own, truth)

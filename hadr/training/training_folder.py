@@ -173,15 +173,12 @@ class TrainingFolder:
         return epochs if isinstance(epochs, int) else None
 
     def _write_history(self, history: History) -> None:
-        names = list(dict.fromkeys(name for row in history for name in row))
-        text = io.StringIO(newline="")
-        writer = csv.DictWriter(text, fieldnames=names)
-        writer.writeheader()
-        writer.writerows(history)
-        path, content = self.path / HISTORY, text.getvalue().encode()
-        if path.is_file() and not content.startswith(path.read_bytes()):
+        path = self.path / HISTORY
+        # as this run left it: an epoch ago, or just now where it was stopped after writing
+        known = [_as_csv(history[:-1]), _as_csv(history)]
+        if path.is_file() and path.read_bytes() not in known:
             set_aside(path)
-        write_whole(path, content)
+        write_whole(path, known[-1])
 
     def _check_same(self, meta: Mapping[str, Any]) -> None:
         """Refuse to go on with another network, recipe, seed or other data."""
@@ -208,6 +205,16 @@ class TrainingFolder:
                         f"{last} was trained with {name} = {then}, not {now}; resume it with the "
                         "same, or name another folder"
                     )
+
+
+def _as_csv(history: History) -> bytes:
+    """The epochs' rows, with a column for each number that one of them has."""
+    names = list(dict.fromkeys(name for row in history for name in row))
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, fieldnames=names)
+    writer.writeheader()
+    writer.writerows(history)
+    return text.getvalue().encode()
 
 
 def device_name(network: nn.Module) -> str:

@@ -495,6 +495,20 @@ def test_a_png_without_a_scale_asks_for_it(tmp_path):
     np.testing.assert_allclose(read.depth, frame.depth, atol=1.1e-4)
 
 
+def test_the_scale_of_depth_is_not_taken_for_that_of_raw_depth(tmp_path):
+    write_frame(tmp_path, replace(make_frame(), raw_depth=np.ones((H, W), np.float32)))
+    edit_log(tmp_path, **{"raw_depth scale": None})
+    refused(tmp_path, "the log does not name 'raw_depth scale'$", depth_scale=0.0001)
+
+
+def test_a_camera_of_another_size_than_the_picture_is_refused(tmp_path):
+    write_frame(tmp_path, make_frame())
+    larger = CAMERA.resized(2 * W, 2 * H)
+    refused(tmp_path, f"is {W}x{H}, but its camera {2 * W}x{2 * H}", camera=larger)
+    edit_log(tmp_path, camera_internal=larger.to_dict())
+    refused(tmp_path, f"is {W}x{H}, but its camera {2 * W}x{2 * H}")
+
+
 def test_what_cannot_be_written_is_refused(tmp_path):
     frame = make_frame()
     far = replace(frame, depth=np.full((H, W), 7.0, np.float32))

@@ -9,6 +9,7 @@ from hadr.experiments.scoring import (
     EVALUATION_SIZE,
     cheap_depth,
     hand_offset,
+    score_cheap,
     score_depth,
     score_network,
 )
@@ -34,6 +35,17 @@ def test_missing_pixels_count_as_zero_and_are_told_apart(truth):
     assert found["rmse_m"] == pytest.approx(expected.rmse_m / 3)
     assert found["restored"]["rmse_m"] == 0
     assert found["coverage"] == pytest.approx((expected.coverage + 2) / 3)
+
+
+def test_what_learns_nothing_answers_in_the_given_mask_and_is_filled_around_it(truth):
+    narrow = truth.object_mask.clone()
+    narrow[:, ::2] = False  # of each second row no pixel was found
+    found = score_cheap(replace(truth, inputs=replace(truth.inputs, mask=narrow)), "hand-median")
+    whole = score_cheap(truth, "hand-median")  # one depth in the whole mask
+    for some, all_of_it in zip(found.frames, whole.frames, strict=True):
+        assert some.rmse_m == pytest.approx(all_of_it.rmse_m, rel=1e-5)
+    share = (narrow & truth.object_mask).sum() / truth.object_mask.sum()
+    assert found.columns()["coverage"] == pytest.approx(float(share), abs=0.05)
 
 
 def test_the_hands_offset_is_the_mean_over_frames_of_what_lies_behind_its_median_depth(truth):

@@ -27,7 +27,7 @@ from hadr.training.losses import CODED
 from hadr.training.presets import preset
 from hadr.training.recipe import Preset
 from hadr.training.tasks.task import Task
-from hadr.training.training_folder import BEST, LAST
+from hadr.training.training_folder import BEST, LAST, TrainingFolder
 
 
 def same_weights(a: torch.nn.Module, b: torch.nn.Module) -> bool:
@@ -248,6 +248,20 @@ def test_a_history_that_somebody_changed_is_kept(micro, frames, tmp_path):
     again(resume=True)
     assert (tmp_path / "history.csv.changed").read_text() == "mine"
     assert history.read_text().startswith("epoch,")
+
+
+def test_a_number_that_later_epochs_add_is_no_change_of_the_history(micro, tmp_path):
+    home = TrainingFolder(tmp_path, micro, 0, None)
+    rows = [{"epoch": 0.0}, {"epoch": 1.0, "first_depth": 0.5}]
+    home._write_history(rows[:1])
+    home._write_history(rows)
+    home._write_history(rows)  # as where it was stopped before the checkpoint
+    assert not list(tmp_path.glob("*.changed*"))
+    assert (tmp_path / "history.csv").read_text().split() == [
+        "epoch,first_depth",
+        "0.0,",
+        "1.0,0.5",
+    ]
 
 
 def test_the_average_of_the_weights_is_the_result_and_is_resumed(tmp_path, micro, frames, through):

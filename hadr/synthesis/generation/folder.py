@@ -11,11 +11,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hadr import __version__
 from hadr.data.frame import frame_log_path, frame_places
 from hadr.data.frame_pictures import check_whole, decode_depth_array
+from hadr.data.transhand import read_keypoints_uv
 from hadr.records.output_folder import SPLITS, check_file, check_folder
 from hadr.records.reading import read_json, structured
 from hadr.records.writing import sole_owner, write_whole
@@ -85,7 +84,7 @@ def _check_undamaged(path: Path) -> None:
         if path.suffix == ".json":
             structured(read_json(path), dict[str, Any], path)
         elif path.suffix == ".txt":
-            np.loadtxt(path)
+            read_keypoints_uv(path)
         else:
             (decode_depth_array if path.suffix == ".npy" else check_whole)(path.read_bytes())
     except ValueError as error:

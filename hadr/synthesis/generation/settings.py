@@ -112,6 +112,11 @@ class GenerationSettings:
     def __post_init__(self) -> None:
         for name, hint in get_type_hints(GenerationSettings).items():
             value, allowed = getattr(self, name), get_args(hint)
+            if value == "":
+                raise ValueError(f"{name} must not be empty")
+            whole = hint is int or hint == int | None
+            if whole and value is not None and (isinstance(value, bool) or value % 1 != 0):
+                raise ValueError(f"{name} must be a whole number, got {value!r}")
             if get_origin(hint) is Literal and value not in allowed:
                 known = ", ".join(map(repr, allowed[:-1]))
                 raise ValueError(f"{name} must be {known} or {allowed[-1]!r}, got {value!r}")
