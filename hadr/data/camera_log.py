@@ -89,15 +89,21 @@ def log_keypoints(log: Mapping[str, Any], path: Path) -> Array:
     return np.array([numbers(named, name, path, 3) for name in first])
 
 
+def is_rigid(matrix: Array) -> bool:
+    """Whether (4, 4) is a rotation, to a thousandth, and a shift."""
+    turn = matrix[:3, :3]
+    turns = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0
+    finite = np.isfinite(matrix).all()
+    return bool(turns and finite and np.allclose(matrix[3], (0, 0, 0, 1)))
+
+
 def log_transform(log: Mapping[str, Any], key: str, path: Path) -> Array | None:
     """A rigid transform (4, 4) of a log, or None where the log has none of this name."""
     if key not in log:
         return None
     rows = structured(log[key], list[list[float]], f"{path}: {key!r}")
     matrix = np.array(rows) if [len(row) for row in rows] == [4] * 4 else np.zeros((4, 4))
-    turn = matrix[:3, :3]
-    turns = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0
-    if not turns or not np.allclose(matrix[3], (0, 0, 0, 1)):
+    if not is_rigid(matrix):
         raise ValueError(f"{path}: {key!r} must be a rigid 4x4 matrix, got {rows!r:.80}")
     return matrix
 

@@ -12,7 +12,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Array, Intrinsics, transform_points
-from hadr.data.camera_log import camera_log, native_pixels
+from hadr.data.camera_log import camera_log, is_rigid, native_pixels
 from hadr.data.frame_pictures import (
     DisparityScale,
     Normals,
@@ -142,6 +142,10 @@ def _check(frame: Frame) -> None:
             raise ValueError(f"{name} has shape {image.shape}, the camera {frame.camera.shape}")
         if image.dtype.kind != kind or (kind == "u" and image.dtype != np.uint8):
             raise ValueError(f"{name} must be {words}, got {image.dtype}")
+    for name in ("world_from_camera", "world_from_object"):
+        pose = getattr(frame, name)
+        if pose is not None and (np.shape(pose) != (4, 4) or not is_rigid(pose)):
+            raise ValueError(f"{name} must be a rigid 4x4 matrix, got {np.array(pose).tolist()}")
     check_keypoints(frame.keypoints)
 
 
@@ -184,13 +188,31 @@ def _log(frame: Frame) -> dict[str, Any]:
     return log
 
 
-def _place(root: Path, files: Mapping[Path, bytes]) -> None:
-    """Write all files, then move them to their places in the given order."""
+def _older_files(frame: Frame, base: Path) -> list[Path]:
+    """All files of a frame that was written before by the same name, in any form; the log first."""
+    forms = (
+        frame_places(frame.stem),
+        frame_places(
+            frame.stem,
+            depth_format="png",
+            jpeg_quality=90,
+            raw="disparity",
+            object_folder="object_mask",
+        ),
+    )
+    places = [form[part] for part in reversed(forms[0]) for form in forms]
+    return [base / place for place in dict.fromkeys(places)]
+
+
+def _place(root: Path, files: Mapping[Path, bytes], older: Sequence[Path] = ()) -> None:
+    """Write all files, remove older ones, then move the new to their places in the given order."""
     root.mkdir(parents=True, exist_ok=True)
     staged = Path(tempfile.mkdtemp(dir=root, prefix=PART))
     try:
         for number, data in enumerate(files.values()):
             (staged / str(number)).write_bytes(data)
+        for path in older:
+            path.unlink(missing_ok=True)
         for number, place in enumerate(files):
             place.parent.mkdir(parents=True, exist_ok=True)
             os.replace(staged / str(number), place)
@@ -231,11 +253,12 @@ def write_frame(
         object_folder: Name of the folder of the object masks.
 
     Returns:
-        The path of the log, which is written last: a frame with a log is complete.
+        The path of the log, which is written last: a frame with a log is complete. One of the same
+        name is replaced with all of its files.
 
     Raises:
         ValueError: A depth does not fit into 16 bits, an image's shape or type is another, or a
-            keypoint is not finite.
+            keypoint is not finite, or a pose is not rigid.
         OSError: The folder can't be written.
     """
     _check(frame)
@@ -277,5 +300,6 @@ def write_frame(
     parts["keypoints"] = "".join(f"{u:.4f} {v:.4f}\n" for u, v in uv).encode()
     log |= dict(extra_log or {})
     parts["log"] = (json.dumps(log, separators=(",", ":")) + "\n").encode()
-    _place(root, {base / places[part]: data for part, data in parts.items()})
+    files = {base / places[part]: data for part, data in parts.items()}
+    _place(root, files, _older_files(frame, base))
     return base / places["log"]

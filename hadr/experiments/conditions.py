@@ -67,8 +67,8 @@ def masks_given(bench: Bench) -> dict[str, Given]:
 def _finders(bench: Bench) -> tuple[Path, Path]:
     """Those that find masks and keypoints: of preset imagenet OUT's own, if it has them.
 
-    Such have learned from that preset's training frames alone, as all in its tables has. Else the
-    bundled ones.
+    Such have learned from that preset's training frames, that of keypoints before from those of
+    `mini`. Else the bundled ones.
     """
     masks, hands = (CHECKPOINTS / f"{kind}-imagenet.safetensors" for kind in FINDERS)
     if bench.size == "imagenet":

@@ -64,7 +64,7 @@ class Run:
     """One training with its evaluation.
 
     Attributes:
-        experiment: "known" or "unknown".
+        experiment: "known", "unknown" or "by-frame".
         method: A system's name.
         seed: Seed of the training; methods that learn nothing have seed 0 only.
     """
@@ -86,7 +86,7 @@ class Bench:
     Attributes:
         roots: Data folders in TransHand's layout.
         out: Folder of the runs.
-        size: Preset of all systems: "tiny", "mini" or "paper".
+        size: Preset of all systems: "tiny", "mini", "imagenet" or "paper".
         corruption: How the frames' depth is corrupted, in training and test.
         limit: Take at most so many frames of each part, evenly spread; None takes all.
         accelerator: Where networks are trained and scored: "cpu", or "cuda" for the first GPU.

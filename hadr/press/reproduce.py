@@ -81,7 +81,7 @@ class Options:
     data: Annotated[tuple[Path, ...], FOLDER] = ()
     """Data for the tables, from `hadr generate --preset mini`; tiny takes the bundled samples."""
     seeds: tuple[int, ...] | None = None
-    """Seeds of the trainings; unset: 0, but 0 1 2 where mini and paper ask what a hand is worth."""
+    """Seeds of the trainings; unset: 0, but 0 1 2 where larger ones ask what a hand is worth."""
     jobs: int = 1
     """Trainings, attempts or chapters at a time; trainings of several have one thread each."""
     accelerator: Accelerator = "auto"

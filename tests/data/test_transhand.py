@@ -509,7 +509,22 @@ def test_a_camera_of_another_size_than_the_picture_is_refused(tmp_path):
     refused(tmp_path, f"is {W}x{H}, but its camera {2 * W}x{2 * H}")
 
 
+def test_a_frame_replaces_one_of_its_name_with_all_its_files(tmp_path):
+    write_frame(tmp_path, make_frame())
+    other = make_frame(seed=1)
+    write_frame(tmp_path, other)
+    np.testing.assert_array_equal(TransHand(tmp_path, "train")[0].depth, other.depth)
+    # of another form: nothing of the old one is left that could be taken for the new one's
+    write_frame(tmp_path, other, depth_format="png", jpeg_quality=95, object_folder="object_mask")
+    assert len([p for p in tmp_path.rglob("*") if p.is_file()]) == 6
+    assert not list(tmp_path.rglob("*.npy"))
+
+
 def test_what_cannot_be_written_is_refused(tmp_path):
+    for name in ("world_from_camera", "world_from_object"):
+        for pose in (np.diag([2.0, 2, 2, 1]), np.full((4, 4), np.nan), np.eye(3)):
+            with pytest.raises(ValueError, match=f"{name} must be a rigid 4x4 matrix, got"):
+                write_frame(tmp_path, replace(make_frame(), **{name: pose}))
     frame = make_frame()
     far = replace(frame, depth=np.full((H, W), 7.0, np.float32))
     with pytest.raises(ValueError, match=r"depth reaches 7.000 m, but 16 bits .* end at 6.554"):

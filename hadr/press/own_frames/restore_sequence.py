@@ -61,7 +61,7 @@ def run_sequence(options: Options) -> int:
         for name, one in bar:
             try:
                 made = restored_frame(one, restorer)
-            except (ValueError, FileNotFoundError) as error:
+            except (ValueError, OSError) as error:
                 told[name] = {"refused": str(error)}
                 continue
             (folder / name).mkdir()
