@@ -107,6 +107,7 @@ def companions(path: Path) -> tuple[Path, Path]:
 
 
 def _times(table: Table, notes: Mapping[str, Any]) -> Array:
+    """Seconds of each row by the table's own clock."""
     milliseconds, seconds = table.find(*_MILLISECONDS), table.find(*_SECONDS)
     frame = table.find("frame", "framenumber", "frameid")
     if milliseconds is not None:
@@ -122,7 +123,7 @@ def _times(table: Table, notes: Mapping[str, Any]) -> Array:
         )
     for row in np.flatnonzero(np.diff(time) <= 0).tolist():
         raise ValueError(f"{table.place(row + 1)}: time does not grow")
-    return np.asarray(time - time[0])
+    return np.asarray(time)
 
 
 def _poses(table: Table, positions: list[int], rotations: list[int]) -> Array:
@@ -145,7 +146,7 @@ def _poses(table: Table, positions: list[int], rotations: list[int]) -> Array:
 
 
 def _placement(table: Table, time: Array) -> Array:
-    """The object's pose in each row, from the table or from the file beside it."""
+    """The object's pose at each time of one clock, from the table or from the file beside it."""
     wanted = [*POSITION_COLUMNS, *ROTATION_COLUMNS]
     if twice := [name for name in wanted if table.header.count(name) > 1]:
         raise ValueError(f"{table.path.name} has the column {twice[0]} twice")
@@ -165,6 +166,11 @@ def _placement(table: Table, time: Array) -> Array:
     if len(poses) == 1:
         return np.repeat(poses, len(time), axis=0)
     known = _times(source, source.notes)
+    if known[-1] < time[0] or time[-1] < known[0]:
+        raise ValueError(
+            f"{source.path.name} is of {known[0]:g} to {known[-1]:g} s, {table.path.name} of "
+            f"{time[0]:g} to {time[-1]:g} s: both must have one clock"
+        )
     now = np.clip(time, known[0], known[-1])
     result = np.tile(np.eye(4), (len(time), 1, 1))
     result[:, :3, :3] = Slerp(known, Rotation.from_matrix(poses[:, :3, :3]))(now).as_matrix()
@@ -274,7 +280,8 @@ def read_recording(path: str | Path) -> Recording:
     time = _times(table, notes)
     hold_id, shape = str(notes.get("hold_id", table.path.stem)), _shape(notes, side, name)
     what = hold_id, str(notes["object"]), str(notes["kind"])
-    return Recording(*what, shape, time, _angles(table, columns), _placement(table, time))
+    poses = _placement(table, time)
+    return Recording(*what, shape, time - time[0], _angles(table, columns), poses)
 
 
 def recording_text(recording: Recording) -> str:

@@ -67,6 +67,15 @@ def test_an_export_is_read_unchanged_with_its_sheets_beside_it(tmp_path):
     np.testing.assert_allclose(np.rad2deg(recording.angles[2]), np.add(FIRST, 2), atol=1e-9)
     x = recording.wrist_from_object[:, 0, 3]
     np.testing.assert_allclose(x, [0.1, 0.14166667, 0.18333334], atol=1e-9)
+    # the sheet's clock is the export's, wherever the sheet begins
+    later = pose.replace("\n100,0.2", "\n50,0.15").replace("\n0,0.1,", "\n-50,0.05,")
+    (tmp_path / "session_1.placement.csv").write_text(later)
+    x = read_recording(export).wrist_from_object[:, 0, 3]
+    np.testing.assert_allclose(x, [0.1, 0.14166667, 0.15], atol=1e-9)
+    apart = pose.replace("\n0,0.1,", "\n5000,0.1,").replace("\n100,0.2,", "\n6000,0.2,")
+    (tmp_path / "session_1.placement.csv").write_text(apart)
+    with pytest.raises(ValueError, match=r"5 to 6 s, session_1\.csv .* must have one clock"):
+        read_recording(export)
     assert find_recordings(tmp_path) == [export]
 
 
