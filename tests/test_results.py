@@ -129,7 +129,7 @@ def test_what_is_said_of_networks_that_see_is_so() -> None:
     for words, value in zip(said.groups(), (cost["hadr"], more), strict=True):
         assert words == f"{100 * value:.{len(words.partition('.')[2])}f}"
     assert cost["hadr"] > 0.5 * hadr
-    assert abs(cost["random-encoder"]) < 0.0001
+    assert 0.001 < cost["random-encoder"] < 0.002  # "not two millimetres"
     bare = ledger.row(method="random-encoder")["rmse_m"]
     assert bare / hadr == pytest.approx(1.2, abs=0.05)  # the ledger's "by a fifth"
     thawed = ledger.row(method="no-aggregation-thawed")
@@ -140,7 +140,7 @@ def test_what_is_said_of_networks_that_see_is_so() -> None:
         parts.row(method=m, split="known")["shape_m"]
         for m in ("hand-median", "hadr", "random-encoder")
     )
-    assert (own / flat, board / flat) == pytest.approx((0.8, 1.0), abs=0.03)
+    assert (own / flat, board / flat) == pytest.approx((0.8, 0.95), abs=0.025)
 
 
 def test_the_readmes_frames_a_second_are_the_result_files() -> None:
@@ -340,7 +340,8 @@ def test_what_chapter_9_says_of_parts_and_colours_is_so() -> None:
     looking = ("lidf", "no-hand", "hand-2d", "hadr", "unet-hand", "hadr-plus", "no-point-fusion")
     assert min(cost[m] for m in looking) > cost["swindrnet"] > 0.009
     assert cost["tode"] == pytest.approx(0.002, abs=0.0005)
-    assert all(abs(cost[m]) < 0.0005 for m in ("dfnet", "random-encoder"))
+    assert cost["random-encoder"] == pytest.approx(0.002, abs=0.0005)
+    assert abs(cost["dfnet"]) < 0.0005
     blind = color_costs("mini")
     assert all(abs(blind[m]) < 0.00015 for m in ("hadr", "hadr-long", "hadr-plus", "swindrnet"))
     unknown = read_result_file(RESULTS / "mini" / "unknown.json")

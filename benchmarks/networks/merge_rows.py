@@ -82,9 +82,16 @@ def main() -> None:
     parser.add_argument("new", type=Path)
     parser.add_argument("old", type=Path, help="is written over")
     parser.add_argument("--methods", nargs="+", required=True)
+    parser.add_argument(
+        "--median",
+        nargs=2,
+        type=Path,
+        metavar=("NEW", "OLD"),
+        help="files of the same frames with the hand's median, where these lack it",
+    )
     args = parser.parse_args()
     new, old = read_result_file(args.new), read_result_file(args.old)
-    check_frames(new, old)
+    check_frames(*map(read_result_file, args.median or (args.new, args.old)))
     rows = merged(new, old, args.methods)
     if args.old.stem in ("known", "unknown"):
         compare_with_next(rows, args.methods)
