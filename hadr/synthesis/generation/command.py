@@ -97,6 +97,7 @@ def _settings(options: Options) -> GenerationSettings:
 
 def run(options: Options) -> int:
     """Carry out ``hadr generate``; returns the exit code."""
+    from hadr.records.processes import MOST_WORKERS
     from hadr.records.provenance import usable_cores
     from hadr.synthesis.generation.generate import generate
 
@@ -107,6 +108,6 @@ def run(options: Options) -> int:
     if frames is None:
         frames = PRESETS[options.preset].frames if options.preset else 64
     if workers is None:
-        workers = 1 if options.preset == "tiny" else usable_cores()
+        workers = 1 if options.preset == "tiny" else min(usable_cores(), MOST_WORKERS)
     print(generate(root, frames, settings, workers=workers, progress=True))
     return 0
