@@ -6,8 +6,10 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import yaml
+from mdit_py_plugins.anchors.index import slugify
 
 ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("book", "notebooks/text", "data_samples")
 
 
 class Page(HTMLParser):
@@ -58,8 +60,7 @@ def test_every_page_of_the_contents_was_built(html):
 
 
 def test_links_name_the_number_of_their_chapter():
-    folders = ("book", "notebooks/text", "data_samples")
-    pages = [ROOT / "README.md", *(p for name in folders for p in (ROOT / name).rglob("*.md"))]
+    pages = [ROOT / "README.md", *(p for name in FOLDERS for p in (ROOT / name).rglob("*.md"))]
     said = r"\[[Cc]hapter (\d+)\b[^\]]*\]\([^)\s]*?(?:notebooks/)?(\d\d)_\w+\.(?:ipynb|md)"
     wrong = [
         f"{path.name}: {found[0]}"
@@ -67,4 +68,23 @@ def test_links_name_the_number_of_their_chapter():
         for found in re.finditer(said, path.read_text(encoding="utf-8"))
         if int(found[1]) != int(found[2])
     ]
+    assert wrong == []
+
+
+def test_links_to_a_heading_name_one_that_is_there():
+    pages = [ROOT / "README.md", *(p for name in FOLDERS for p in (ROOT / name).rglob("*.md"))]
+    texts = {path: path.read_text(encoding="utf-8") for path in pages}
+    headings = {
+        path: {slugify(title.replace("`", "")) for title in re.findall(r"^#+ (.*)$", text, re.M)}
+        for path, text in texts.items()
+    }
+    wrong = []
+    for path, text in texts.items():
+        where = ROOT / "book" / "notebooks" if "text" in path.parts else path.parent
+        for link, place in re.findall(r"\]\(([^)\s:#]+\.(?:md|ipynb))#([^)\s]+)\)", text):
+            target = (where / link).resolve()
+            if target.suffix == ".ipynb":
+                target = ROOT / "notebooks" / "text" / f"{target.stem}.md"
+            if place not in headings.get(target, ()):
+                wrong.append(f"{path.name}: {link}#{place}")
     assert wrong == []
