@@ -258,22 +258,21 @@ def test_what_chapter_9_says_of_the_rivals_is_so() -> None:
                 sign = -1 if metric.startswith("delta") else 1
                 assert sign * hadr[metric] < sign * rows[split, rival][metric]
             assert rows[split, rival]["pooled"]["rmse_m"] > hadr["pooled"]["rmse_m"]
-            assert (error[split, rival] > error[split, "hand-median"]) == (rival == "dfnet")
+            pair = rows[split, rival]["against_hand_median"]
+            assert pair["mean_difference_m"] < -2 * pair["standard_error_m"]
         assert error[split, "hadr-plus"] < error[split, "unet-hand"] < error[split, "hadr"]
         for ahead in ("swindrnet", "lidf"):
             assert error[split, ahead] < error[split, "tode"] < error[split, "dfnet"]
-        dfnet = rows[split, "dfnet"]
-        pair = dfnet["against_hand_median"]
-        assert pair["better_on_frames"] / pair["frames"] == pytest.approx(0.5, abs=0.04)
-        assert dfnet["pooled"]["rmse_m"] > 1.5 * dfnet["rmse_m"]
+        assert error[split, "dfnet"] > error[split, "hand-offset"] + 0.003
 
     def apart(split: str, method: str) -> float:
         gap = rows[split, method]["against_next"]
         return float(gap["mean_difference_m"] / gap["standard_error_m"])
 
-    assert abs(apart("known", "swindrnet")) < 2 < apart("unknown", "swindrnet") < 2.5
+    for method in ("swindrnet", "dfnet"):
+        assert abs(apart("known", method)) < 2 < apart("unknown", method) < 2.5
     for split in ("known", "unknown"):
-        assert min(apart(split, m) for m in ("lidf", "tode", "dfnet")) > 2
+        assert min(apart(split, m) for m in ("lidf", "tode")) > 2
         assert error[split, "tode"] > error[split, "hand-offset"] - 0.001
     grows = {m: error["unknown", m] / error["known", m] - 1 for m in ("hadr", "hadr-plus")}
     assert grows == {
@@ -298,7 +297,7 @@ def test_what_chapter_9_says_of_place_and_shape_is_so() -> None:
     flute, jar = UNKNOWN_OBJECTS
     bias = {(row["split"], row["method"]): row["by_object"][flute]["bias_m"] for row in parts.rows}
     assert all(bias["unknown", kind] > 0.005 for kind in DEPTH_NETWORKS)
-    for method, centimetres in (("dfnet", 5.4), ("tode", 3.7), ("hadr", 1.1), ("swindrnet", 2.6)):
+    for method, centimetres in (("dfnet", 1.3), ("tode", 3.7), ("hadr", 1.1), ("swindrnet", 2.6)):
         assert 100 * bias["unknown", method] == pytest.approx(centimetres, abs=0.1)
     assert 100 * bias["known", "swindrnet"] == pytest.approx(0.9, abs=0.1)
     lidf = parts.row(method="lidf", split="unknown")["by_object"][jar]
@@ -315,13 +314,8 @@ def test_what_chapter_9_says_of_place_and_shape_is_so() -> None:
     assert far - near == pytest.approx(0.011, abs=0.002)
     assert poses["hand-median"]["rank_correlation"] < 0.1 < poses["hadr"]["rank_correlation"] < 0.3
     for split in ("known", "unknown"):
-        curves = {
-            row["method"]: row["curve"]["validation_rmse_m"]
-            for row in tables.rows
-            if row["split"] == split and row["method"] in ("hadr", *RIVALS)
-        }
-        assert all(curves["hadr"][1] < curves[one][1] for one in RIVALS if one != "lidf")
-        assert min(curves["hadr"]) == curves["hadr"][-1]
+        curve = tables.row(method="hadr", split=split)["curve"]["validation_rmse_m"]
+        assert min(curve) == curve[-1]
 
 
 def test_what_chapter_9_says_of_parts_and_colours_is_so() -> None:
@@ -341,7 +335,7 @@ def test_what_chapter_9_says_of_parts_and_colours_is_so() -> None:
     assert min(cost[m] for m in looking) > cost["swindrnet"] > 0.009
     assert cost["tode"] == pytest.approx(0.002, abs=0.0005)
     assert cost["random-encoder"] == pytest.approx(0.002, abs=0.0005)
-    assert abs(cost["dfnet"]) < 0.0005
+    assert cost["dfnet"] == pytest.approx(0.001, abs=0.0005)
     blind = color_costs("mini")
     assert all(abs(blind[m]) < 0.00015 for m in ("hadr", "hadr-long", "hadr-plus", "swindrnet"))
     unknown = read_result_file(RESULTS / "mini" / "unknown.json")

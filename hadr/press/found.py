@@ -74,12 +74,6 @@ def claims(results: Path) -> list[Claim]:
     ]
 
 
-MISTRAINED = (
-    "DFNet's row is of a training that took depth nearer than 0.3 m for missing "
-    "([results](results.md)): it may come nearer."
-)
-
-
 def _better(ours: Row, others: Sequence[Row]) -> str:
     """Whether a row's RMSE is below that of all others."""
     found = []
@@ -119,7 +113,7 @@ def _depth_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
             "abstract, IV-A, table I",
             f"HADR {_cm(ours)} cm, the next, {NAMES[nearest['method']]}, {_cm(nearest)}; first in "
             f"{sum(_first(one, ours, others) for one in measured)} of {len(measured)} metrics",
-            _better(ours, others), COMPARISON, name, MISTRAINED,
+            _better(ours, others), COMPARISON, name,
         )  # fmt: skip
         if split == "known":
             yield from _second(file, paper["columns"], paper[split])
