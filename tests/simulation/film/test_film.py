@@ -12,6 +12,7 @@ from PIL import Image
 from hadr.camera import project, transform_points
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import Stage, Transition
+from hadr.simulation.camera.moving_view import SeenLabels
 from hadr.simulation.film.film import (
     CAPTION_HEIGHT,
     STAGE_COLORS,
@@ -22,7 +23,6 @@ from hadr.simulation.film.film import (
     stage_at,
     write_film,
 )
-from hadr.simulation.film.world_parts import ARM, CLOTH, FLOOR, GLASS, HAND, NOTHING
 from hadr.simulation.film.world_view import FilmSet, View, close_view, side_view, view_from
 from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
@@ -45,8 +45,12 @@ def start(scene: HeldScene, at: Callable[..., WorldState]) -> WorldState:
 
 
 @pytest.fixture(scope="module")
-def drawn(scene: HeldScene, start: WorldState) -> tuple[np.ndarray, np.ndarray]:
-    return FilmSet(scene, SMALL).render(start)
+def picture(scene: HeldScene, start: WorldState) -> np.ndarray:
+    return FilmSet(scene, SMALL).draw(start)
+
+
+def shown(scene: HeldScene, view: View, state: WorldState) -> SeenLabels:
+    return FilmSet(scene, view).at(state).seen(view.camera, view.base_from_camera)
 
 
 def pixel(view: View, point: object) -> np.ndarray:
@@ -55,9 +59,9 @@ def pixel(view: View, point: object) -> np.ndarray:
     return project(seen, view.camera)[0]
 
 
-def shown_at(kind: np.ndarray, view: View, point: np.ndarray) -> int:
-    u, v = pixel(view, point)
-    return int(kind[round(v), round(u)])
+def there(mask: np.ndarray, point: np.ndarray) -> bool:
+    u, v = pixel(SMALL, point)
+    return bool(mask[round(v), round(u)])
 
 
 def test_a_view_looks_where_it_is_told_and_is_as_wide_as_told() -> None:
@@ -67,74 +71,80 @@ def test_a_view_looks_where_it_is_told_and_is_as_wide_as_told() -> None:
     assert pixel(view, (0.3, 0.0, 0.5)) == pytest.approx((100.0, 50.0 - 20.1))
 
 
-def test_fingers_hand_glass_and_cloth_stand_at_their_pixels(
-    scene: HeldScene, start: WorldState, drawn: tuple[np.ndarray, np.ndarray]
+def test_fingers_hand_glass_and_sleeve_stand_at_their_pixels(
+    scene: HeldScene, start: WorldState
 ) -> None:
-    picture, kind = drawn
-    assert picture.shape == (136, 240, 3)
-    assert picture.dtype == np.uint8
+    labels = shown(scene, SMALL, start)
     tool = SimulatedUR5().tool_pose()
     for side in (-1, 1):  # the middle of each finger
         finger = tool @ [side * (0.03 + 0.005), 0.0, -0.03, 1.0]
-        assert shown_at(kind, SMALL, finger[:3]) == ARM
-    assert shown_at(kind, SMALL, tool[:3, 3] - 0.11 * tool[:3, 2]) == ARM  # the gripper's body
-    bowl = scene.base_from_object @ [0, 0, 0.15, 1]
-    assert shown_at(kind, SMALL, bowl[:3]) == GLASS
-    forearm = scene.base_from_wrist @ [0, -0.08, 0, 1]
-    sleeve = scene.base_from_wrist @ [0, -0.25, 0, 1]
-    assert shown_at(kind, SMALL, forearm[:3]) == HAND
-    assert shown_at(kind, SMALL, sleeve[:3]) == HAND
-    assert shown_at(kind, SMALL, np.array([0.2, -0.3, 0.0])) == CLOTH
+        assert there(labels.arm_mask, finger[:3])
+    assert there(labels.arm_mask, tool[:3, 3] - 0.11 * tool[:3, 2])  # the gripper's body
+    assert there(labels.object_mask, (scene.base_from_object @ [0, 0, 0.15, 1])[:3])
+    forearm, sleeve = ((scene.base_from_wrist @ [0, y, 0, 1])[:3] for y in (-0.08, -0.25))
+    assert there(labels.hand_mask, forearm)
+    assert not there(labels.hand_mask, sleeve)
+    assert there(labels.arm_mask, sleeve)
 
 
-def test_skin_is_reddish_sleeve_is_blue_and_arm_is_grey(
-    scene: HeldScene, drawn: tuple[np.ndarray, np.ndarray]
-) -> None:
-    picture, _ = drawn
+def test_skin_is_reddish_and_the_sleeve_is_blue(scene: HeldScene, picture: np.ndarray) -> None:
+    assert picture.shape == (136, 240, 3)
+    assert picture.dtype == np.uint8
 
-    def color(point: np.ndarray) -> np.ndarray:
-        u, v = pixel(SMALL, point)
+    def color(y: float) -> np.ndarray:
+        u, v = pixel(SMALL, (scene.base_from_wrist @ [0, y, 0, 1])[:3])
         return picture[round(v), round(u)].astype(float)
 
-    red, _, blue = color((scene.base_from_wrist @ [0, -0.08, 0, 1])[:3])
+    red, _, blue = color(-0.08)
     assert red > 1.2 * blue
-    red, _, blue = color((scene.base_from_wrist @ [0, -0.25, 0, 1])[:3])
+    red, _, blue = color(-0.25)
     assert blue > 1.2 * red
 
 
 def test_the_object_is_drawn_where_the_state_says(
-    scene: HeldScene, start: WorldState, drawn: tuple[np.ndarray, np.ndarray]
+    scene: HeldScene, start: WorldState, picture: np.ndarray
 ) -> None:
     moved = start.base_from_object.copy()
     moved[:3, 3] += [-0.25, 0.0, 0.25]
-    picture, kind = FilmSet(scene, SMALL).render(replace(start, base_from_object=moved))
-    axis = [(moved @ [0, 0, z, 1])[:3] for z in (0.12, 0.14, 0.16)]
-    assert [shown_at(kind, SMALL, point) for point in axis] == [GLASS] * 3
+    state = replace(start, base_from_object=moved)
+    mask = shown(scene, SMALL, state).object_mask
+    assert all(there(mask, (moved @ [0, 0, z, 1])[:3]) for z in (0.12, 0.14, 0.16))
     before = [(start.base_from_object @ [0, 0, z, 1])[:3] for z in (0.14, 0.16)]
-    assert GLASS not in [shown_at(kind, SMALL, point) for point in before]
-    assert not np.array_equal(picture, drawn[0])
+    assert not any(there(mask, point) for point in before)
+    changed = (FilmSet(scene, SMALL).draw(state) != picture).any(axis=2)
+    assert changed[mask].mean() > 0.5
+
+
+def test_a_moment_is_drawn_without_noise(
+    scene: HeldScene, start: WorldState, picture: np.ndarray
+) -> None:
+    drawn = FilmSet(scene, SMALL)
+    drawn.draw(replace(start, joints=start.joints + 0.1))
+    np.testing.assert_array_equal(drawn.draw(start), picture)
 
 
 def test_glass_is_seen_through_and_has_darker_and_brighter_places(
     scene: HeldScene, start: WorldState
 ) -> None:
     view = close_view(tuple((start.base_from_object @ [0, 0, 0.14, 1])[:3]), 160, 90)
-    picture, kind = FilmSet(scene, view).render(start)
-    light = picture.astype(float).mean(axis=2)
-    glass = light[kind == GLASS]
-    wall = np.median(light[:20][np.isin(kind[:20], (NOTHING, FLOOR))])
+    light = FilmSet(scene, view).draw(start).astype(float).mean(axis=2)
+    labels = shown(scene, view, start)
+    glass = light[labels.object_mask]
+    wall = np.median(light[:20][labels.depth[:20] == 0])
     assert abs(np.median(glass) - wall) < 45  # the wall shows through
     assert np.percentile(glass, 3) < wall - 25  # outlines
     assert glass.max() > np.median(glass) + 20  # mirrored panels
 
 
-def test_an_arm_over_the_cloth_throws_a_shadow(scene: HeldScene, start: WorldState) -> None:
+def test_an_arm_over_the_table_throws_a_shadow(scene: HeldScene, start: WorldState) -> None:
     view = view_from((0.3, -0.8, 1.2), (0.15, 0.1, 0.0), width=120, height=90, across=1.0)
-    here, kind = FilmSet(scene, view).render(start)
-    away = start.joints + np.array([np.pi, 0, 0, 0, 0, 0])
-    there, other = FilmSet(scene, view).render(replace(start, joints=away))
-    both = (kind == CLOTH) & (other == CLOTH)
-    change = here.astype(float).mean(axis=2)[both] - there.astype(float).mean(axis=2)[both]
+    away = replace(start, joints=start.joints + np.array([np.pi, 0, 0, 0, 0, 0]))
+    here, turned = (FilmSet(scene, view).draw(s).astype(float).mean(axis=2) for s in (start, away))
+    both = np.ones(view.camera.shape, dtype=bool)
+    for state in (start, away):
+        labels = shown(scene, view, state)
+        both &= (labels.depth > 0) & ~(labels.arm_mask | labels.hand_mask | labels.object_mask)
+    change = (here - turned)[both]
     assert (change < -25).sum() > 40
     assert (change > 25).sum() > 40
 
