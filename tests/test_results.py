@@ -16,7 +16,7 @@ from scipy.stats import binomtest, false_discovery_control, fisher_exact
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.experiments.conditions import IN_CONDITIONS, LONG, WITH_HAND
 from hadr.experiments.plan import KNOWN_ALONE, OFTEN, REPRODUCED
-from hadr.experiments.protocol import METHODS, SEEING, SWITCHES
+from hadr.experiments.systems import METHODS, SEEING, SWITCHES
 from hadr.experiments.tables import ABLATION, FILES, LEDGER
 from hadr.figures.tables.benchmarks import by_heart_table
 from hadr.figures.tables.handover import TIME_LIMIT, WORSE, paired

@@ -11,8 +11,8 @@ which shows another object in another hand. What its error gains is what it had 
 from finished_runs import arguments, open_runs, trained, write_rows
 
 from hadr.experiments.averages import paired
-from hadr.experiments.protocol import ALL_METHODS
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
+from hadr.experiments.systems import ALL_METHODS
 from hadr.training.tasks.diagnosis import with_other_colors
 
 

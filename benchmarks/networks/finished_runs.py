@@ -7,8 +7,9 @@ from typing import Any
 
 import torch
 
-from hadr.experiments.protocol import Experiment, recipe_of
+from hadr.experiments.protocol import Experiment
 from hadr.experiments.runner import Bench, Run
+from hadr.experiments.systems import recipe_of
 from hadr.experiments.tables import runs_in
 from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file

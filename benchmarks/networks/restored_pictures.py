@@ -18,8 +18,8 @@ import numpy as np
 from finished_runs import arguments, open_runs, trained, write_rows
 
 from hadr.data.transhand import FrameFiles, TransHand
-from hadr.experiments.protocol import LEARNED, SEEING
 from hadr.experiments.runner import Bench, Run
+from hadr.experiments.systems import LEARNED, SEEING
 from hadr.figures.depth.restored_glass import frames_at
 from hadr.metrics import frame_metrics
 from hadr.training.evaluation import predict_depth

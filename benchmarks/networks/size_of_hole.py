@@ -30,7 +30,7 @@ from finished_runs import arguments, open_runs, trained, write_rows
 from torch import Tensor
 
 from hadr.experiments.averages import standard_error
-from hadr.experiments.protocol import LEARNED, LONGER
+from hadr.experiments.systems import LEARNED, LONGER
 from hadr.experiments.tables import TABLES
 from hadr.rivals.classical import nearest_valid
 from hadr.training.evaluation import predict

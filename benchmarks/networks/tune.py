@@ -108,7 +108,7 @@ def main() -> None:
     for network in PUBLISHED:
         for trial in (*TRIALS, *MORE.get(network, ())):
             recipe = recipe_of(network, trial, args.epochs)
-            code = code_of("hadr.experiments.runner", recipe.network)
+            code = code_of(recipe.network, "hadr.experiments.runner")
             sha = digest([recipe.to_dict(), data, args.frames, code])
             path = args.out / f"{network}-{trial.replace(' ', '-').replace(',', '')}.json"
             done = json.loads(path.read_text()) if path.exists() else None

@@ -13,9 +13,9 @@ from finished_runs import arguments, open_runs, write_rows
 from frame_errors import frame_error, hand_poses, pose_distance, summary
 
 from hadr.experiments.averages import paired
-from hadr.experiments.protocol import LEARNED, LONGER, PARTS, SEEING, recipe_of
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_network
+from hadr.experiments.systems import LEARNED, LONGER, PARTS, SEEING, recipe_of
 from hadr.experiments.tables import TABLES
 from hadr.rivals.lidf import LIDF
 from hadr.training.checkpoints import load_checkpoint

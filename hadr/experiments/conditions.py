@@ -143,7 +143,7 @@ def configuration(bench: Bench, run: Run, name: str, given: Given) -> dict[str, 
     """Everything on which a condition's numbers depend."""
     return {
         **bench.configuration(run),
-        "scored_by": code_of("hadr.experiments.conditions", None),
+        "scored_by": code_of(None, "hadr.experiments.conditions"),
         "row": (bench.finished(run) or {}).get("sha256"),  # another training is another condition
         "given": name,
         "corruption": given.corruption,

@@ -22,18 +22,10 @@ from hadr.experiments.conditions import (
     finished_condition,
     measure_condition,
 )
-from hadr.experiments.protocol import (
-    CHEAP,
-    COMPARED,
-    EXPERIMENTS,
-    METHODS,
-    PARTS,
-    Experiment,
-    recipe_of,
-    switches_of,
-)
+from hadr.experiments.protocol import EXPERIMENTS, Experiment
 from hadr.experiments.runner import ROW, Bench, Run
 from hadr.experiments.steps import Step, left_text
+from hadr.experiments.systems import CHEAP, COMPARED, METHODS, PARTS, recipe_of, switches_of
 from hadr.experiments.tables import ABLATION, LEDGER, TABLES, write_tables
 from hadr.records.processes import end_with_parent
 from hadr.records.provenance import provenance

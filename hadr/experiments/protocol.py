@@ -1,4 +1,4 @@
-"""The protocol: on which frames the systems are compared, and which systems, by their rows' names.
+"""The protocol: on which frames the systems are compared.
 
 Known: trained, tuned and tested on all objects, with other holding poses in each part. Unknown:
 trained and tuned on six objects, tested on every frame of the two that were held out. By frame:
@@ -11,70 +11,20 @@ Source: paper, "Comparison with SOTA"; ledger, rows 14 and 22.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
 from hadr.data.folders import FrameSource, open_folder
 from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS, split_by_frame
 from hadr.data.transhand import SPLITS
-from hadr.models.blocks.efficientnet_lite import LiteConfig
-from hadr.models.networks import DEPTH_NETWORKS, RIVALS
-from hadr.training.losses import CODED
-from hadr.training.presets import preset
-from hadr.training.recipe import Preset
 
 Experiment = Literal["known", "unknown", "by-frame"]
 Part = Literal["train", "val", "test"]
 EXPERIMENTS: tuple[Experiment, ...] = get_args(Experiment)
 PARTS_OF_DATA: tuple[Part, ...] = get_args(Part)
-CHEAP = ("raw", "inpainting", "nearest", "hand-median", "hand-offset")
-"""Methods without a network; what one must beat. The last learns one number, how far behind the
-hand's median depth the glass lies in training frames."""
-LEARNED = ("hadr", "no-hand", "unet-hand", "hadr-plus", *RIVALS, "hadr-long")
-"""Networks of the two tables, in the order in which they are trained: the long run last."""
-METHODS = (*CHEAP, *LEARNED)
-"""What the tables of known and of unknown objects compare."""
-PARTS: Mapping[str, Mapping[str, Any]] = {
-    "no-hand": {"hand": "none"},
-    "no-aggregation": {"aggregation": False},
-    "no-point-fusion": {"point_fusion": False},
-    "hand-2d": {"hand": "2d"},
-}
-"""The paper's ablation of HADR, and what each row changes in its configuration."""
-SWITCHES: Mapping[str, Mapping[str, Any]] = {
-    "coded-weights": {"weights": CODED},
-    "wrist-translation": {"model": {"wrist_rotation": False}},
-    "clamped-probability": {"model": {"clamp_probability": True}},
-}
-"""Rows of the ledger that are measured by a training, and what each changes in HADR's recipe."""
-SEEING: Mapping[str, Mapping[str, Any]] = {
-    "random-encoder": {
-        "encoder_rate": 1.0,
-        "model": {"lite": LiteConfig(frozen=0, pretrained=False)},
-    },
-    "whole-picture": {"width": 128, "height": 72, "ray_stride": 2, "model": {"view": None}},
-    "no-aggregation-thawed": {"model": {"aggregation": False, "lite": LiteConfig(frozen=0)}},
-}
-"""What preset imagenet is without its weights, which learns at the full rate, for there is nothing
-to keep; without its window, with about as many rays of a frame as `mini`; and without aggregation,
-which leaves the encoder one stage: its frozen one, so here nothing is frozen."""
-LONG_RUN = 4
-"""How many times as many epochs a long run has."""
-LONGER: Mapping[str, tuple[str, int]] = {
-    "hadr-long": ("hadr", 16), "unet-hand-long": ("unet-hand", 32),
-    "hadr-plus-long": ("hadr-plus", 32),
-}  # fmt: skip
-"""The long runs, whose they are, and their frames in a step with preset imagenet: enough to keep a
-GPU busy. So HADR and the U-Net make twice as many steps, HADR-plus as many as its short run. Only
-that preset has the last two, and any of unknown objects."""
-COMPARED = tuple(dict.fromkeys((*METHODS, *LONGER)))
-"""What the tables of preset imagenet compare."""
-ALL_METHODS = tuple(dict.fromkeys((*COMPARED, *PARTS, *SWITCHES, *SEEING)))
-"""Whatever a run can be of, in the order of the tables."""
 
 
 def open_part(roots: Sequence[str | Path], experiment: Experiment, part: Part) -> FrameSource:
@@ -124,44 +74,3 @@ def data_digest(root: str | Path) -> str:
         found.update(path.relative_to(root).as_posix().encode())
         found.update(hashlib.sha256(path.read_bytes()).digest())
     return found.hexdigest()
-
-
-def recipe_of(method: str, size: str) -> Preset | None:
-    """Say how a system is trained at the size of a preset; None: it learns nothing.
-
-    Those of `LONGER` have `LONG_RUN` times as many epochs as their network's, those of `PARTS`,
-    `SWITCHES` and, with "imagenet", `SEEING` are HADR with one change, the others are their
-    networks' recipes.
-    ValueError for an unknown method or preset.
-    """
-    switches = switches_of(size)
-    if method not in (known := (*COMPARED, *PARTS, *switches)):
-        raise ValueError(f"method must be one of {', '.join(known)}, got {method!r}")
-    if method in CHEAP:
-        return None
-    network, batch_size = LONGER.get(method, (method, 0))
-    recipe = preset(size, network if network in DEPTH_NETWORKS else "hadr")
-    if method in LONGER:
-        recipe = replace(
-            recipe, epochs=LONG_RUN * recipe.epochs, drop_epoch=LONG_RUN * recipe.drop_epoch
-        )
-        if size == "imagenet":
-            recipe = replace(recipe, batch_size=batch_size)
-    if method in PARTS:
-        recipe = replace(recipe, model=_changed(recipe, PARTS[method]))
-    if method in switches:
-        changes = dict(switches[method])
-        if "model" in changes:
-            changes["model"] = _changed(recipe, changes["model"])
-        recipe = replace(recipe, **changes)
-    return recipe
-
-
-def switches_of(size: str) -> Mapping[str, Mapping[str, Any]]:
-    """What is changed in HADR's recipe in the rows of the ledger that a preset has."""
-    return {**SWITCHES, **SEEING} if size == "imagenet" else SWITCHES
-
-
-def _changed(recipe: Preset, changes: Mapping[str, Any]) -> Any:
-    model: Any = recipe.model
-    return replace(model, **changes)

@@ -26,7 +26,7 @@ import torch
 from torch import nn
 
 from hadr.corruption import Corruption
-from hadr.experiments.protocol import Experiment, Part, data_digest, open_part, recipe_of
+from hadr.experiments.protocol import Experiment, Part, data_digest, open_part
 from hadr.experiments.scoring import (
     EVALUATION_SIZE,
     Scores,
@@ -35,6 +35,7 @@ from hadr.experiments.scoring import (
     score_depth,
     score_network,
 )
+from hadr.experiments.systems import recipe_of
 from hadr.models.networks import network_of
 from hadr.records.dependencies import code_digest
 from hadr.records.provenance import plain, provenance
@@ -47,16 +48,20 @@ from hadr.training.training_folder import HISTORY, LAST
 
 ROW = "row.json"
 TABLES_OF_NETWORKS = (
-    "hadr.experiments.protocol", "hadr.models.networks", "hadr.training.presets",
+    "hadr.experiments.systems", "hadr.models.networks", "hadr.training.presets",
 )  # fmt: skip
-"""Modules that lead to every network: a run depends on its own, and on its recipe as a value."""
+"""Modules that lead to every network: a run depends on its own, and on its recipe and its row of
+the table as values."""
 
 
 @cache  # what this process has loaded does not change
-def code_of(module: str, network: str | None) -> str:
-    """Checksum of a run's code, from a first module on; network None: it learns nothing."""
-    task = () if network is None else network_of(network).modules
-    return code_digest(module, *task, without=TABLES_OF_NETWORKS)
+def code_of(network: str | None, *modules: str) -> str:
+    """Checksum of a run's code, from first modules on; network None: it learns nothing."""
+    if network is None:
+        return code_digest(*modules, without=TABLES_OF_NETWORKS)
+    row = network_of(network)
+    code = code_digest(*modules, *row.modules, without=TABLES_OF_NETWORKS)
+    return digest([code, row.loss, row.slow])
 
 
 @dataclass(frozen=True)
@@ -111,7 +116,7 @@ class Bench:
 
     def data_of(self, run: Run, recipe: Preset) -> dict[str, Any]:
         """What a run is trained on and by which code, for the record of its training."""
-        code = code_of("hadr.training.loop", recipe.network)
+        code = code_of(recipe.network, "hadr.training.loop", "hadr.experiments.protocol")
         now = {"experiment": run.experiment, **self.data, "code": code}
         there = self.out / run.name / LAST
         if self.keep_trained and there.is_file():
@@ -164,7 +169,7 @@ class Bench:
             "recipe": None if recipe is None else recipe.to_dict(),
             "data": self.data,
             "evaluation_size": list(EVALUATION_SIZE),
-            "code": code_of("hadr.experiments.runner", recipe and recipe.network),
+            "code": code_of(recipe and recipe.network, "hadr.experiments.runner"),
         }
 
     def finished(self, run: Run) -> dict[str, Any] | None:

@@ -25,17 +25,10 @@ from hadr.experiments.conditions import (
     keypoints_given,
     masks_given,
 )
-from hadr.experiments.protocol import (
-    ALL_METHODS,
-    COMPARED,
-    EXPERIMENTS,
-    PARTS,
-    SEEING,
-    SWITCHES,
-    Experiment,
-)
+from hadr.experiments.protocol import EXPERIMENTS, Experiment
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE
+from hadr.experiments.systems import ALL_METHODS, COMPARED, PARTS, SEEING, SWITCHES
 from hadr.models.networks import RIVALS
 from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file

@@ -182,7 +182,8 @@ def run(options: Options) -> int:
 def is_table_wish(wish: str) -> bool:
     """Say whether a word of ``--only`` means a table's run and not a chapter."""
     from hadr.experiments.plan import TABLE_RUNS
-    from hadr.experiments.protocol import ALL_METHODS, EXPERIMENTS
+    from hadr.experiments.protocol import EXPERIMENTS
+    from hadr.experiments.systems import ALL_METHODS
 
     names = (*EXPERIMENTS, *ALL_METHODS, *TABLE_RUNS, "full")
     return "/" in wish or wish.lower() in names

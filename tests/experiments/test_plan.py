@@ -13,9 +13,9 @@ from hadr.experiments.plan import (
     planned_attempts,
     table_steps,
 )
-from hadr.experiments.protocol import LONGER, METHODS, PARTS, SWITCHES
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.steps import Step
+from hadr.experiments.systems import LONGER, METHODS, PARTS, SWITCHES
 from hadr.records.provenance import plain
 from hadr.records.result_file import digest, read_result_file, seal_row
 from hadr.simulation.trials import experiment, summary

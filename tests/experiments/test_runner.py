@@ -15,9 +15,10 @@ import pytest
 from hadr.data.samples import samples_dir
 from hadr.experiments import runner
 from hadr.experiments.averages import paired, standard_error
-from hadr.experiments.protocol import CHEAP, recipe_of
 from hadr.experiments.runner import Bench, Run
+from hadr.experiments.systems import CHEAP, recipe_of
 from hadr.experiments.tables import write_tables
+from hadr.models.networks import NETWORKS
 from hadr.records import dependencies
 from hadr.records.result_file import read_result_file
 from hadr.training.recipe import Preset
@@ -105,6 +106,23 @@ def test_a_row_of_other_code_is_measured_again(bench: Bench, code: Path) -> None
     again = bench.measure(run)
     assert again["rmse_m"] == row["rmse_m"]
     assert bench.finished(run) == again
+
+
+def test_which_frames_and_which_slow_parts_a_run_has_count(
+    bench: Bench, code: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, recipe = Run("known", "tode"), small("tode", "tiny")
+
+    def key() -> tuple[str, str]:
+        return bench.configuration(run)["code"], bench.data_of(run, recipe)["code"]
+
+    keys = [key()]
+    append(code / "experiments" / "protocol.py")
+    keys.append(key())
+    monkeypatch.setitem(NETWORKS, "tode", replace(NETWORKS["tode"], encoders=()))
+    runner.code_of.cache_clear()
+    keys.append(key())
+    assert [len(set(codes)) for codes in zip(*keys, strict=True)] == [3, 3]
 
 
 def test_code_that_scores_keeps_a_training_and_code_that_trains_sets_it_aside(

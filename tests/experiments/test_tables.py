@@ -23,8 +23,8 @@ from hadr.experiments.conditions import (
     measure_condition,
 )
 from hadr.experiments.plan import measure_all, plan, table_steps
-from hadr.experiments.protocol import recipe_of
 from hadr.experiments.runner import Bench, Run
+from hadr.experiments.systems import recipe_of
 from hadr.experiments.tables import FILES, against_next, write_tables
 from hadr.press.paper_report import report
 from hadr.press.report import DEFAULT, ledger_table, tuning_table
