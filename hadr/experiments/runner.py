@@ -190,15 +190,17 @@ class Bench:
         return 0
 
     def measure(self, run: Run) -> dict[str, Any]:
-        """Train a run's system as far as it is not, score it, and keep the row, which it gives."""
+        """Train a run's system as far as it is not, score it, and keep the row, which it gives.
+
+        Commit, threads and device of a training that went on elsewhere are its last epoch's.
+        """
         found = self.finished(run)
         if found is not None:
             return found
         folder = self.out / run.name
         recipe = recipe_of(run.method, self.size)
-        columns: dict[str, Any] = {}
+        origin, columns = provenance(), dict[str, Any]()
         curve: dict[str, list[float]] | None = None
-        trained_at: dict[str, Any] = {}
         started = time.perf_counter()
         if recipe is None:
             scores = self.score_cheap(run)
@@ -206,7 +208,7 @@ class Bench:
             set_aside_another(folder, recipe, self.data_of(run, recipe))
             trained = self.train(run, recipe, folder)
             made_with = read_record(folder / LAST)["made_with"]
-            trained_at = {"trained_at": made_with.get("commit")}
+            origin["trained_at"] = made_with.get("commit")
             started = time.perf_counter()
             scores = self.score(run, recipe, trained.model)
             columns = {
@@ -214,7 +216,7 @@ class Bench:
                 "epochs": len(trained.history),
                 "training_frames": len(self.frames(run, "train", recipe.size)),
                 "training_s": sum(row["seconds"] for row in trained.history),
-                "threads": torch.get_num_threads(),
+                "threads": made_with.get("threads", torch.get_num_threads()),
                 "device": made_with.get("device", self.device),
             }
             seconds = accumulate(row["seconds"] for row in trained.history)
@@ -233,7 +235,7 @@ class Bench:
             "configuration": self.configuration(run),
             "curve": curve,
             "per_frame": scores.per_frame(),
-            "provenance": {**provenance(), **trained_at},
+            "provenance": origin,
         }
         return seal_row(self.out / run.name / ROW, row)
 

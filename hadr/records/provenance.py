@@ -12,6 +12,7 @@ import platform
 import subprocess
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,7 @@ def usable_cores() -> int:
 def provenance() -> dict[str, Any]:
     """Where a number comes from: versions, machine, time, and the library's commit if it is known.
 
+    The commit is that of the process's first call: what measures for long calls when it begins.
     Without git, or installed apart from its checkout, the library's ``commit`` and
     ``uncommitted_changes`` are None: unknown.
     """
@@ -69,6 +71,7 @@ def provenance() -> dict[str, Any]:
     }
 
 
+@cache  # what this process has loaded does not change
 def _commit() -> dict[str, Any]:
     """The library's own commit and whether code beside it differs; None where it is in none."""
     root = Path(__file__).resolve().parents[2]

@@ -13,7 +13,7 @@ import io
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -68,12 +68,14 @@ class TrainingFolder:
         recipe: What is trained, and how.
         seed: The training's seed.
         data: What the frames are, plain values.
+        origin: Where epochs come from that are made now.
     """
 
     path: Path
     recipe: Preset
     seed: int
     data: Mapping[str, Any] | None
+    origin: Mapping[str, Any] = field(default_factory=provenance)
 
     def check_empty(self) -> None:
         """Refuse a folder that holds a training, or what one would replace, by a ValueError."""
@@ -161,7 +163,7 @@ class TrainingFolder:
             "epochs": len(history),
             "score": score,
             "history": history,
-            "made_with": {**provenance(), "device": device},
+            "made_with": {**self.origin, "threads": torch.get_num_threads(), "device": device},
         }
 
     def _epochs_of(self, name: str) -> int | None:

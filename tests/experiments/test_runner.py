@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import shutil
 import statistics
@@ -11,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from hadr.data.samples import samples_dir
 from hadr.experiments import runner
@@ -19,7 +21,7 @@ from hadr.experiments.runner import Bench, Run
 from hadr.experiments.systems import CHEAP, recipe_of
 from hadr.experiments.tables import write_tables
 from hadr.models.networks import NETWORKS
-from hadr.records import dependencies
+from hadr.records import dependencies, provenance
 from hadr.records.result_file import read_result_file
 from hadr.training.recipe import Preset
 
@@ -169,6 +171,18 @@ def test_a_whole_training_of_other_code_counts_where_that_is_asked_for(
     assert keeping.epochs_done(run) == 2
     aside = bench.out / "known" / "unet-hand" / "seed-0.old-1"
     assert (aside / "last.safetensors").read_bytes() == weights
+
+
+def test_commit_is_that_of_the_beginning_and_threads_are_the_trainings(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, commits = Run("known", "unet-hand"), itertools.count()
+    monkeypatch.setattr(provenance, "_commit", lambda: {"commit": next(commits)})
+    row = bench.measure(run)
+    assert (row["provenance"]["commit"], row["provenance"]["trained_at"]) == (0, 1)
+    (bench.out / run.name / "row.json").unlink()
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 99)
+    assert bench.measure(run)["threads"] == row["threads"] != 99
 
 
 def test_two_methods_frame_by_frame() -> None:

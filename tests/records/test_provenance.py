@@ -44,8 +44,8 @@ def commit(root):
     return git(root, "rev-parse", "HEAD")
 
 
-def told(root):
-    """What a copy of the library in a folder says of its commit."""
+def copied(root):
+    """The module in a copy of the library in a folder."""
     path = root / "hadr" / "records" / "provenance.py"
     if not path.exists():
         path.parent.mkdir(parents=True)
@@ -53,7 +53,12 @@ def told(root):
     spec = importlib.util.spec_from_file_location("copied_provenance", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    whole = module.provenance()
+    return module
+
+
+def told(root):
+    """What a copy of the library in a folder says of its commit."""
+    whole = copied(root).provenance()
     return {name: whole[name] for name in UNKNOWN}
 
 
@@ -78,6 +83,15 @@ def test_a_checkout_tells_its_commit_and_whether_code_was_changed(project):
         (project / name).write_text("VALUE = 2\n")
         assert told(project) == {"commit": head, "uncommitted_changes": True}
         git(project, "stash", "--quiet", "--include-untracked", "--", name)
+
+
+def test_what_is_committed_while_a_process_runs_is_not_its_code(project):
+    copied(project)
+    head, begun = commit(project), copied(project)
+    assert begun.provenance()["commit"] == head
+    (project / "own.py").write_text("VALUE = 2\n")
+    assert commit(project) != head
+    assert begun.provenance()["commit"] == head
 
 
 def test_without_git_nothing_is_known(project, monkeypatch, tmp_path):
