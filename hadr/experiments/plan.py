@@ -6,10 +6,10 @@ OUT/tables/handover.json          the rows of the handover's table
 
 from __future__ import annotations
 
-import multiprocessing
+import traceback
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
-from multiprocessing import connection
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +27,7 @@ from hadr.experiments.runner import ROW, Bench, Run
 from hadr.experiments.steps import Step, left_text
 from hadr.experiments.systems import CHEAP, COMPARED, METHODS, PARTS, recipe_of, switches_of
 from hadr.experiments.tables import ABLATION, LEDGER, TABLES, write_tables
-from hadr.records.processes import end_with_parent
+from hadr.records.processes import one_thread, run_tasks
 from hadr.records.provenance import provenance
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.training.recipe import Given
@@ -184,7 +184,8 @@ def measure_all(bench: Bench, runs: Sequence[Run], tables: str | Path, *, jobs: 
 
     So many `jobs` run at a time, each in a process of its own with one thread. The tables hold
     every run of the bench that is finished, also those that were not asked for. RuntimeError where
-    a run failed in its process; those beside it were brought to an end, and the tables have them.
+    one of several jobs failed; the others were made, and the tables have them. ChildProcessError
+    where a process died.
     """
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, got {jobs}")
@@ -214,41 +215,26 @@ def _measured(
         for run in runs:
             yield run, bench.measure(run)
         return
-    context = multiprocessing.get_context("spawn")
     waiting = sorted(runs, key=lambda run: -_epochs_left(bench, run)[0])  # the longest first
-    failed: list[str] = []
-    working: dict[Any, tuple[Run, Any]] = {}
-    try:
-        while working or (waiting and not failed):
-            while waiting and not failed and len(working) < jobs:
-                run = waiting.pop(0)
-                # no daemon: with a GPU it has processes of its own, which prepare its batches
-                process = context.Process(target=_measure_alone, args=(bench, run))
-                process.start()
-                working[process.sentinel] = (run, process)
-            for sentinel in connection.wait(list(working)):
-                run, process = working.pop(sentinel)
-                process.join()
-                row = bench.finished(run)
-                if row is not None:
-                    yield run, row
-                else:
-                    failed.append(f"{run.name} (exit status {process.exitcode})")
-    finally:
-        for _, process in working.values():
-            process.terminate()
+    failed = []
+    with closing(run_tasks(partial(_measure_alone, bench), waiting, jobs)) as made:
+        for number, found in made:
+            if isinstance(found, str):
+                failed.append(f"{waiting[number].name} ({found})")
+            else:
+                yield waiting[number], found
     if failed:
-        raise RuntimeError(
-            f"not finished: {', '.join(failed)}; what it said stands above. A status of -9 means "
-            "that it was killed, perhaps for want of memory: fewer --jobs need less"
-        )
+        raise RuntimeError(f"not finished: {'; '.join(failed)}")
 
 
-def _measure_alone(bench: Bench, run: Run) -> None:
-    """Make one run in a process of its own, which ends when its parent is gone."""
-    torch.set_num_threads(1)
-    end_with_parent()
-    bench.measure(run)
+def _measure_alone(bench: Bench, run: Run) -> dict[str, Any] | str:
+    """Make one run with one thread; its row, or why there is none."""
+    try:
+        with one_thread(torch.get_num_threads, torch.set_num_threads):
+            return bench.measure(run)
+    except Exception as error:
+        traceback.print_exc()
+        return f"{type(error).__name__}: {error}"
 
 
 def planned_attempts(size: str, seed: int) -> dict[str, list[Trial]]:
