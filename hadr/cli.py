@@ -74,6 +74,8 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """What an error of writing says where the disk is full."""
 TOLD = (ValueError, OSError, FloatingPointError, ImportError)
 """Errors that are told in one sentence: unusable input, or a library that is not installed."""
+NEEDS_LESS = ("--batch-size", "--jobs", "--workers")
+"""Options with whose smaller numbers a command needs less memory."""
 DESCRIPTION = """\
 hadr: depth restoration of hand-held transparent objects.
 
@@ -272,7 +274,8 @@ def _run_command(name: str, words: list[str]) -> int:
         print(f"{program}: interrupted", file=sys.stderr)
         return 130
     except Exception as error:
-        if not isinstance(error, TOLD) or _is_own_import(error):
+        short = _is_out_of_memory(error)
+        if not (isinstance(error, TOLD) or short) or _is_own_import(error):
             traceback.print_exc()
             print(
                 f"{program}: this is a bug in hadr: please report it with the command and the text "
@@ -284,16 +287,27 @@ def _run_command(name: str, words: list[str]) -> int:
         told = re.sub(r"^\[Errno \d+\] ", "", str(error))
         if full:
             told = f"the disk is full ({told}); no file is half-written: make room, run it again"
+        elif short:
+            known = command_parser(name)._option_string_actions
+            lower = " or ".join(option for option in NEEDS_LESS if option in known)
+            remedy = f"a smaller {lower} needs less" if lower else "free some, run it again"
+            told = f"memory ran out ({'. '.join(told.split('. ')[:2])}); {remedy}"
         elif isinstance(error, ModuleNotFoundError) and error.name:
             told = f"this installation lacks the module {error.name!r}"
         sentence = " ".join("; ".join((told, *getattr(error, "__notes__", ()))).split())
         print(f"{program}: error: {sentence}", file=sys.stderr)
-        return 1 if full else 2
+        return 1 if full or short else 2
 
 
 def _is_own_import(error: Exception) -> bool:
     """Whether it is a module of hadr, or a name in one, that could not be imported."""
     return isinstance(error, ImportError) and f"{error.name}.".startswith("hadr.")
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    """Whether it is memory that was missing, a GPU's or the machine's."""
+    named = type(error).__name__ == "OutOfMemoryError"  # PyTorch's; it is not imported here
+    return named or isinstance(error, MemoryError) or "DefaultCPUAllocator" in str(error)
 
 
 def _command_list() -> str:

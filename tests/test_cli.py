@@ -8,6 +8,7 @@ from typing import Literal
 import cv2
 import numpy as np
 import pytest
+import torch
 import trimesh
 import tyro
 
@@ -326,6 +327,32 @@ def test_what_nobody_expected_is_a_bug_and_says_so(frame, capsys, monkeypatch) -
     told = capsys.readouterr().err
     assert "TypeError: 'NoneType' object is not callable\nhadr restore: this is a bug in" in told
     assert "please report it with the command and the text above" in told
+
+
+GPU = "CUDA out of memory. Tried to allocate 2.00 GiB. GPU 0 has a total capacity of 1.00 GiB."
+
+
+@pytest.mark.parametrize(
+    ("line", "error", "told"),
+    [
+        ("train --out", torch.OutOfMemoryError(GPU),
+         "memory ran out (CUDA out of memory. Tried to allocate 2.00 GiB); a smaller --batch-size"),
+        ("generate --out", MemoryError("Unable to allocate 9 TiB"),
+         "memory ran out (Unable to allocate 9 TiB); a smaller --workers needs less\n"),
+    ],
+)  # fmt: skip
+def test_where_memory_ran_out_it_is_said_what_needs_less(
+    line, error, told, tmp_path, capsys, monkeypatch
+) -> None:
+    def run(_: object) -> int:
+        raise error
+
+    name, option = line.split()
+    monkeypatch.setattr(f"{COMMANDS[name][0]}.run", run)
+    assert main([name, option, str(tmp_path / "out")]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith(f"hadr {name}: error: {told}")
+    assert said.count("\n") == 1
 
 
 @pytest.mark.parametrize(
