@@ -38,13 +38,24 @@ def open_runs(args: argparse.Namespace) -> Bench:
 def trained(
     bench: Bench, split: Experiment, methods: Iterable[str]
 ) -> Iterator[tuple[Run, Preset, Any]]:
-    """Give the finished trainings among some methods: run, recipe, and network to be asked."""
+    """Give the finished trainings among some methods: run, recipe, and network to be asked.
+
+    The others are named and left out.
+    """
     there = set(runs_in(bench.out))
     for run in (Run(split, method) for method in dict.fromkeys(methods)):
         if run not in there or bench.finished(run) is None:
+            print(f"left out, for it is not finished: {run.name}", flush=True)
             continue
         if (recipe := recipe_of(run.method, bench.size)) is not None:
             yield run, recipe, load_checkpoint(bench.out / run.name / LAST)[0].eval()
+
+
+def finished(bench: Bench, run: Run) -> dict[str, Any]:
+    """Give a run's row; SystemExit where it is not finished: nothing is trained here."""
+    if (row := bench.finished(run)) is None:
+        raise SystemExit(f"{run.name} is not finished in {bench.out}: see hadr reproduce --dry-run")
+    return row
 
 
 def write_rows(path: Path, what: str, rows: Sequence[Mapping[str, Any]], bench: Bench) -> None:

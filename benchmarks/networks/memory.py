@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from finished_runs import arguments, open_runs, write_rows
+from finished_runs import arguments, finished, open_runs, write_rows
 
 from hadr.camera import Intrinsics, back_project
 from hadr.experiments.averages import paired, standard_error
@@ -125,7 +125,7 @@ def main() -> None:
         run = Run(split, NEAREST)
         test, train = (bench.frames(run, part, EVALUATION_SIZE) for part in ("test", "train"))
         median = bench.measure(Run(split, "hand-median"))["per_frame"]
-        networks = {name: bench.measure(Run(split, name)) for name in NETWORKS}
+        networks = {name: finished(bench, Run(split, name)) for name in NETWORKS}
         shown, learned = (bench.source(run, part) for part in ("test", "train"))
         holds, others = shown.holds(test.stems), learned.holds(train.stems)
         scores, chosen = nearest_hand(train, test)

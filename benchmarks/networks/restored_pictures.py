@@ -15,7 +15,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
-from finished_runs import arguments, open_runs, trained, write_rows
+from finished_runs import arguments, finished, open_runs, trained, write_rows
 
 from hadr.data.transhand import FrameFiles, TransHand
 from hadr.experiments.runner import Bench, Run
@@ -40,7 +40,7 @@ def copy_frame(files: FrameFiles, root: Path, near: Path) -> None:
 
 def chosen_frames(bench: Bench) -> list[str]:
     """Choose by the rule above."""
-    scored = bench.measure(Run("known", "hadr"))["per_frame"]
+    scored = finished(bench, Run("known", "hadr"))["per_frame"]
     return [scored["stems"][n] for n in frames_at(scored["rmse_m"], SHARES)]
 
 
