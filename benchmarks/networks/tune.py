@@ -19,7 +19,8 @@ from typing import Any
 
 import torch
 
-from hadr.experiments.protocol import Part, data_digest, open_part
+from hadr.data.folders import data_digest
+from hadr.experiments.protocol import Part, open_part
 from hadr.experiments.runner import code_of
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.models.hadr import HADRConfig

@@ -6,6 +6,7 @@ To read another layout, write a reader with the members of `FrameFolder` beside
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol, overload
@@ -67,6 +68,24 @@ def check_folders(folders: Sequence[str | Path]) -> None:
             raise FileNotFoundError(f"{folder} has none of the folders {', '.join(SPLITS)}")
         if any(Path(folder).samefile(other) for other in folders[:number]):
             raise ValueError(f"{folder} is named twice; its frames would count twice")
+
+
+def data_digest(root: str | Path) -> str:
+    """SHA-256 over the names and contents of all files of a data folder, in the names' order.
+
+    Hidden files are left out. FileNotFoundError where there is no such folder, or it is empty.
+    """
+    root = Path(root)
+    found = hashlib.sha256()
+    files = sorted(
+        path for path in root.rglob("*") if path.is_file() and not path.name.startswith(".")
+    )
+    if not files:
+        raise FileNotFoundError(f"no files in the data folder {root}")
+    for path in files:
+        found.update(path.relative_to(root).as_posix().encode())
+        found.update(hashlib.sha256(path.read_bytes()).digest())
+    return found.hexdigest()
 
 
 class FrameSource(Sequence[Frame]):

@@ -10,7 +10,6 @@ Source: paper, "Comparison with SOTA"; ledger, rows 14 and 22.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, get_args
@@ -56,21 +55,3 @@ def _dealt_out(roots: Sequence[str | Path], part: Part) -> FrameSource:
     whole = FrameSource([open_folder(root, SPLITS, list(OBJECT_IDS)) for root in roots])
     dealt = split_by_frame(len(whole), np.random.default_rng(0), sizes)
     return FrameSource(whole.folders, np.flatnonzero(dealt == part).tolist())
-
-
-def data_digest(root: str | Path) -> str:
-    """SHA-256 over the names and contents of all files of a data folder, in the names' order.
-
-    Hidden files are left out. FileNotFoundError where there is no such folder, or it is empty.
-    """
-    root = Path(root)
-    found = hashlib.sha256()
-    files = sorted(
-        path for path in root.rglob("*") if path.is_file() and not path.name.startswith(".")
-    )
-    if not files:
-        raise FileNotFoundError(f"no files in the data folder {root}")
-    for path in files:
-        found.update(path.relative_to(root).as_posix().encode())
-        found.update(hashlib.sha256(path.read_bytes()).digest())
-    return found.hexdigest()

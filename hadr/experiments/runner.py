@@ -26,7 +26,8 @@ import torch
 from torch import nn
 
 from hadr.corruption import Corruption
-from hadr.experiments.protocol import Experiment, Part, data_digest, open_part
+from hadr.data.folders import data_digest
+from hadr.experiments.protocol import Experiment, Part, open_part
 from hadr.experiments.scoring import (
     EVALUATION_SIZE,
     Scores,

@@ -44,7 +44,7 @@ from hadr.training.frames.batches import FrameTensors, load_frames
 
 LEARNED, MEASURED = "depth as in training", "measured depth"
 DRAWS = 200
-"""Bootstrap draws of whole frames, for standard errors."""
+"""Bootstrap draws of whole holds, for standard errors."""
 
 
 @dataclass(frozen=True)
@@ -94,9 +94,12 @@ def restored_pixels(
     )
 
 
-def measure_confidence(rule: ConfidenceRule, pixels: RestoredPixels) -> dict[str, Any]:
+def measure_confidence(
+    rule: ConfidenceRule, pixels: RestoredPixels, holds: Sequence[str]
+) -> dict[str, Any]:
     """Measure how honest a confidence is on pixels of frames that it was not fitted on.
 
+    The hold that each frame shows is for standard errors: frames of one hold are alike.
     Gives numbers by name: lengths in metres; RMSE of all pixels and of those that remain when a
     tenth is dropped (the least sure, or the worst: the oracle), and the curves themselves.
     """
@@ -109,15 +112,16 @@ def measure_confidence(rule: ConfidenceRule, pixels: RestoredPixels) -> dict[str
     tenth = int(np.flatnonzero(np.isclose(curve.dropped, 0.1))[0])
 
     rng = np.random.default_rng(0)
-    frames, place = np.unique(pixels.frame, return_inverse=True)
-    rows = [np.flatnonzero(place == number) for number in range(len(frames))]
+    _, of = np.unique(np.asarray(holds)[pixels.frame], return_inverse=True)
+    rows = [np.flatnonzero(of == hold) for hold in range(of.max() + 1)]
     gains = []
     for _ in range(DRAWS):
-        drawn = np.concatenate([rows[n] for n in rng.integers(len(frames), size=len(frames))])
+        drawn = np.concatenate([rows[n] for n in rng.integers(len(rows), size=len(rows))])
         again = sparsification(order[drawn], pixels.error_m[drawn], (0.0, 0.1))
         gains.append(again.rmse_m[0] - again.rmse_m[1])
     return {
-        "frames": len(frames),
+        "frames": len(np.unique(pixels.frame)),
+        "holds": len(rows),
         "pixels": len(pixels.error_m),
         "coverage": pixels.coverage,
         "share_right": float(right.mean()),

@@ -15,6 +15,7 @@ from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID, LARGEST_SEED, check_range
 from hadr.records.output_folder import check_file, check_free
 from hadr.records.provenance import provenance
+from hadr.records.result_file import digest, write_result_file
 
 if TYPE_CHECKING:
     from hadr.data.folders import FrameSource
@@ -85,11 +86,21 @@ def _check_beside(checkpoint: Path) -> None:
 
 def _check_learned(options: Options, learned: dict[str, Any], given: str) -> None:
     """Check that the network has learned from these frames, if its record says from which."""
-    if learned.get("frames_sha256", given) == given:
+    from hadr.data.folders import data_digest
+    from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS
+
+    experiment, objects = learned.get("experiment", "known"), set(options.objects or OBJECT_IDS)
+    other = "frames_sha256" if learned.get("frames_sha256", given) != given else ""
+    if "sha256" in learned:  # of `hadr reproduce`
+        if learned["sha256"] != digest([data_digest(folder) for folder in options.data]):
+            other = "sha256"
+        elif experiment == "by-frame" or (objects & set(UNKNOWN_OBJECTS) and experiment != "known"):
+            other = f"experiment {experiment!r}"
+    if not other:
         return
     words = (
         f"{options.checkpoint.name} has learned from other frames than those of "
-        f"{', '.join(map(str, options.data))} (its record's frames_sha256 is not theirs)"
+        f"{', '.join(map(str, options.data))} (its record's {other} is not theirs)"
     )
     if not options.only_ground:
         raise ValueError(
@@ -103,7 +114,6 @@ def run(options: Options) -> int:
     """Run `hadr calibrate`."""
     from hadr.confidence.calibration import ConfidenceRule
     from hadr.data.folder_checks import check_data
-    from hadr.records.result_file import write_result_file
     from hadr.training.calibrate import calibrate, learn_ground, measure_confidence, restored_pixels
     from hadr.training.checkpoints import (
         kind_of,
@@ -176,8 +186,9 @@ def run(options: Options) -> int:
         return 0
     rule = ConfidenceRule.from_dict(additions["confidence"])
     rows = []
-    for split, frames in (("val", validation), ("test", test)):
-        found = measure_confidence(rule, restored_pixels(model, frames, (near, far)))
+    for split, source, frames in (("val", held_back, validation), ("test", unseen, test)):
+        pixels = restored_pixels(model, frames, (near, far))
+        found = measure_confidence(rule, pixels, source.holds(frames.stems))
         rows.append({"split": split, "network": kind, **found})
         print(
             f"{split:<14} {found['frames']} frames, {100 * found['coverage']:.1f} % restored, RMSE "
@@ -191,8 +202,7 @@ def run(options: Options) -> int:
             f"{_WHAT} {name}, fitted on the frames of split val and "
             f"measured on those and on split test{of}: pixels of the object that were restored, at "
             f"{size[0]}x{size[1]}. 'Right' is an error below {rule.calibration.tolerance_m} m. "
-            "Standard errors are those of a bootstrap over frames, of which two or three show one "
-            "hold: somewhat too small."
+            "Standard errors are those of a bootstrap over holds."
         )
         write_result_file(options.out, what, rows, provenance())
     return 0

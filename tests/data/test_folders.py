@@ -1,8 +1,10 @@
 """Frames of several data folders as one, whatever reads them."""
 
+import hashlib
+
 import pytest
 
-from hadr.data.folders import FrameSource, check_folders, has_split, open_folder
+from hadr.data.folders import FrameSource, check_folders, data_digest, has_split, open_folder
 from hadr.data.samples import samples_dir
 
 
@@ -66,3 +68,20 @@ def test_a_folder_that_is_none_or_is_named_twice_is_refused(tmp_path):
         check_folders([root, root.parent / "." / "frames"])
     with pytest.raises(ValueError, match="object '0004' is named twice"):
         open_folder(root, "val", ["0004", "0004"])
+
+
+def test_digest_is_that_of_names_and_contents(tmp_path):
+    for name, text in (("b.txt", "two"), ("a/c.txt", "one"), (".hidden", "x")):
+        path = tmp_path / "set" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    by_hand = b"".join(
+        name + hashlib.sha256(text).digest()
+        for name, text in ((b"a/c.txt", b"one"), (b"b.txt", b"two"))
+    )
+    assert data_digest(tmp_path / "set") == hashlib.sha256(by_hand).hexdigest()
+    before = data_digest(tmp_path / "set")
+    (tmp_path / "set" / "b.txt").rename(tmp_path / "set" / "d.txt")
+    assert data_digest(tmp_path / "set") != before
+    with pytest.raises(FileNotFoundError, match="no files in the data folder"):
+        data_digest(tmp_path / "nowhere")

@@ -1,11 +1,9 @@
-import hashlib
-
 import pytest
 
 from hadr.data.samples import samples_dir
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.data.transhand import SPLITS
-from hadr.experiments.protocol import data_digest, open_part
+from hadr.experiments.protocol import open_part
 from hadr.synthesis.glass.objects import OBJECTS
 
 
@@ -34,20 +32,3 @@ def test_wrong_names_are_told(frames):
         open_part([frames], "novel", "test")
     with pytest.raises(ValueError, match="no data folder"):
         open_part([], "known", "test")
-
-
-def test_digest_is_that_of_names_and_contents(tmp_path):
-    for name, text in (("b.txt", "two"), ("a/c.txt", "one"), (".hidden", "x")):
-        path = tmp_path / "set" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-    by_hand = b"".join(
-        name + hashlib.sha256(text).digest()
-        for name, text in ((b"a/c.txt", b"one"), (b"b.txt", b"two"))
-    )
-    assert data_digest(tmp_path / "set") == hashlib.sha256(by_hand).hexdigest()
-    before = data_digest(tmp_path / "set")
-    (tmp_path / "set" / "b.txt").rename(tmp_path / "set" / "d.txt")
-    assert data_digest(tmp_path / "set") != before
-    with pytest.raises(FileNotFoundError, match="no files in the data folder"):
-        data_digest(tmp_path / "nowhere")

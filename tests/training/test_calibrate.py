@@ -9,10 +9,11 @@ from safetensors.torch import load_file
 from hadr.cli import parse_options
 from hadr.confidence.calibration import ConfidenceRule
 from hadr.confidence.known_ground import Ground
+from hadr.data.folders import data_digest
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADR
 from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
-from hadr.records.result_file import read_result_file
+from hadr.records.result_file import digest, read_result_file
 from hadr.training import calibrate_command as subject
 from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint, update_record
@@ -60,14 +61,18 @@ def test_calibrating_says_what_it_was_fitted_on_and_makes_it_honest_there(model,
     assert record["fitted_on"]["frames"] == len(frames)
     rule = ConfidenceRule.from_dict(record)
     pixels = restored_pixels(plus, frames, (near, far))
-    found = measure_confidence(rule, pixels)
+    found = measure_confidence(rule, pixels, frames.stems)
+    alike = measure_confidence(rule, pixels, ["one hold"] * len(frames))
+    doubt = "gain_at_90_standard_error_m"
+    assert (alike["holds"], found["holds"]) == (1, found["frames"]) == (1, len(frames))
+    assert alike[doubt] < 1e-9 < found[doubt], "one hold has nothing to be drawn from"
     assert found["mean_confidence"] == pytest.approx(found["share_right"], abs=0.05)
     assert found["oracle_rmse_at_90_m"] <= found["rmse_at_90_m"]
     assert found["rmse_m"] == pytest.approx(float(np.sqrt(np.mean(pixels.error_m**2))))
     silent = calibrate(model, frames, frames, "little frames")
     assert silent == {"learned_range": additions["learned_range"]}
     with pytest.raises(ValueError, match="cannot say how sure it is"):
-        measure_confidence(rule, restored_pixels(model, frames))
+        measure_confidence(rule, restored_pixels(model, frames), frames.stems)
 
 
 def test_the_command_adds_to_the_record_and_leaves_the_weights(plus, tmp_path, capsys) -> None:
@@ -146,6 +151,15 @@ def test_what_cannot_be_calibrated_is_left_as_it_is(model, tmp_path) -> None:
     save_checkpoint(other, model, {"width": 32, "height": 24, **meta})
     with pytest.raises(ValueError, match="has learned from other frames than those of"):
         subject.run(parsed(str(other), frames))
+    own = {"sha256": digest([data_digest(frames)])}
+    for record, why in (
+        ({"experiment": "known", "sha256": "0" * 64}, "sha256"),
+        ({"experiment": "unknown", **own}, "experiment 'unknown'"),
+        ({"experiment": "by-frame", **own}, "experiment 'by-frame'"),
+    ):
+        save_checkpoint(other, model, {"width": 32, "height": 24, "data": record})
+        with pytest.raises(ValueError, match=f"its record's {why} is not theirs"):
+            subject.run(parsed(str(other), frames))
     before = path.read_bytes()
     with pytest.raises(ValueError, match="trained with corruption 'oracle'"):
         subject.run(parsed(str(path), frames, "--corruption", "sensor"))
