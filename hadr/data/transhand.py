@@ -103,7 +103,8 @@ class TransHand(Sequence[Frame]):
 
     Raises:
         FileNotFoundError: The split, an object or a folder is missing.
-        ValueError: Files of a frame do not pair; the message names frame and file.
+        ValueError: Files of a frame do not pair, or a split or object is named twice; the message
+            names it.
     """
 
     def __init__(
@@ -120,10 +121,11 @@ class TransHand(Sequence[Frame]):
         self._camera, self._depth_scale = camera, depth_scale
         if pair_by not in ("stem", "order"):
             raise ValueError(f"pair_by must be 'stem' or 'order', got {pair_by!r}")
+        names = (split,) if isinstance(split, str) else tuple(split)
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"split {twice[0]!r} is named twice; its frames would count twice")
         self.files: tuple[FrameFiles, ...] = tuple(
-            files
-            for name in ((split,) if isinstance(split, str) else split)
-            for files in _list_split(self.root, name, objects, pair_by)
+            files for name in names for files in _list_split(self.root, name, objects, pair_by)
         )
 
     def __len__(self) -> int:
@@ -285,6 +287,8 @@ def _list_frames(
         if len(set(counts.values())) > 1:
             raise ValueError(f"{base}: the folders hold different numbers of files: {counts}")
         table = {part: dict(zip(stems, paths, strict=True)) for part, paths in listed.items()}
+        if twice := [path for path in listed["color"] if table["color"][path.stem] != path]:
+            raise ValueError(f"{twice[0].parent} has two pictures for one frame, {twice[0].stem!r}")
     else:
         table = {part: {p.stem: p for p in paths} for part, paths in listed.items()}
         _check_pairs(f"{split}/{object_id}", base, listed, table)

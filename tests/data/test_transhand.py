@@ -310,6 +310,16 @@ def test_a_second_file_of_a_frame_is_named(tmp_path):
     rgb = tmp_path / "train/0004/depth/rgb"
     shutil.copy(rgb / "000007.png", rgb / "000007.jpg")
     refused(tmp_path, r"frame 000007 has two files, 000007\.png and 000007\.jpg")
+    for file in list(rgb.parent.glob("*/000007.*")):
+        if file.parent != rgb:
+            shutil.copy(file, file.with_stem("000008"))
+    refused(tmp_path, r"rgb has two pictures for one frame, '000007'", pair_by="order")
+
+
+def test_a_split_that_is_named_twice_would_count_twice(tmp_path):
+    write_frame(tmp_path, make_frame())
+    with pytest.raises(ValueError, match="split 'train' is named twice"):
+        TransHand(tmp_path, ["train", "train"])
 
 
 BROKEN = {
