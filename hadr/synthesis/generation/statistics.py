@@ -92,13 +92,13 @@ def _raw_errors(frame: Frame) -> tuple[float, float, float, float]:
     """Missing share and bias on the glass; error on the hand and on the rest, metres."""
     nan = float("nan")
     raw, true = frame.raw_depth, frame.depth
-    if raw is None or not frame.object_mask.any():
+    if raw is None:
         return nan, nan, nan, nan
     seen = (raw > 0) & (true > 0)
     error = raw - true
     glass, hand = frame.object_mask, frame.hand_mask
     rest = ~(glass | hand)
-    missing = 1.0 - float((raw > 0)[glass].mean())
+    missing = float((raw <= 0)[glass].mean()) if glass.any() else nan
     on_hand, beyond = (_middle(np.abs(error[part & seen])) for part in (hand, rest))
     return missing, _middle(error[glass & seen]), on_hand, beyond
 

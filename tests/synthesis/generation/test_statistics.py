@@ -67,6 +67,12 @@ def test_what_a_frame_lacks_is_nan():
     assert np.isfinite(found.distance_m).all()
 
 
+def test_without_glass_the_hand_is_still_measured():
+    found = frame_statistics([frame(raw_depth=np.full(CAMERA.shape, 0.507, np.float32))])
+    assert np.isnan([found.glass_depth_m, found.missing_share, found.bias_m]).all()
+    np.testing.assert_allclose(found.world_error_m, [0.007], atol=1e-6)
+
+
 def test_a_glass_alone_is_wholly_visible_and_half_of_it_by_half():
     whole = tumbler_frame()
     assert visible_share(whole) == pytest.approx(1.0, abs=0.02)
