@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from hadr.camera import Array
 from hadr.hand import ANGLE_LIMITS
+from hadr.records.writing import write_whole
 from hadr.synthesis.glass.objects import OBJECTS
 from hadr.synthesis.holding.grasp_optimisation import GraspOptimisation, hand_skins
 from hadr.synthesis.holding.hold import Hold, check_hold, hold_kind, make_hold, mirrored_pose
@@ -113,8 +114,15 @@ def write_recordings(
 ) -> Iterator[tuple[Path, bool]]:
     """Make the recordings of each object's first holds, ``{object}/{hold_id}.csv``.
 
-    Gives each file's path, and whether it was made now; those that are there are left.
+    Gives each file's path, and whether it was made now; those that are there are left. The seed
+    stands beside them, in ``seed.txt``: ValueError where theirs is another.
     """
+    note = Path(folder) / "seed.txt"
+    if note.is_file() and (theirs := note.read_text(encoding="utf-8").strip()) != str(seed):
+        raise ValueError(
+            f"{folder} has recordings of seed {theirs}, not {seed}: name another folder"
+        )
+    write_whole(note, f"{seed}\n")
     for object_id in objects:
         for number in range(holds):
             name = f"{object_id}-{hold_kind(object_id, number)}-{number:04d}.csv"

@@ -37,6 +37,8 @@ REACH_M = 0.5
 """No point of an object that a hand holds is so far from the wrist, metres."""
 BONE_M, ROOT_M = (0.005, 0.12), 0.2
 """Shortest and longest bone, and the farthest root of a finger, of any hand, metres."""
+FAN_DEG = 45.0
+"""Farthest angle of a straight finger to the middle one's direction."""
 BEYOND_LIMITS = np.deg2rad(40)
 """So far a glove may read beyond the usual range of a joint, radians."""
 LEAST_BEND = np.deg2rad(3.2)
@@ -233,11 +235,21 @@ def _shape(notes: Mapping[str, Any], side: str, name: str) -> HandShape:
                         f"mm, got {values}"
                     )
             sizes[field] = {f: tuple(v / 1000 for v in known[f]) for f in FINGERS}
+    if "fan" in notes:
+        where, given = f"{name}: fan", notes["fan"]
+        given = parse_json(given, where) if isinstance(given, str) else given
+        fan = structured(given, dict[str, float], where)
+        if fan.keys() != usual.fan.keys() or not all(abs(v) <= FAN_DEG for v in fan.values()):
+            raise ValueError(
+                f"{where} must give {', '.join(usual.fan)} an angle of at most {FAN_DEG:g} degrees "
+                f"each, got {fan}"
+            )
+        sizes["fan"] = {finger: float(np.deg2rad(fan[finger])) for finger in usual.fan}
     for field in ("scale", "girth"):
         if field in notes:
             sizes[field] = _note(notes, field, name)
     try:
-        return HandShape(side=side, fan=usual.fan, **sizes)  # type: ignore[arg-type]
+        return HandShape(side=side, **sizes)  # type: ignore[arg-type]
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
 
@@ -301,6 +313,9 @@ def recording_text(recording: Recording) -> str:
         if value != getattr(usual, field):
             mm = {f: [round(1000 * float(v), 2) for v in value[f]] for f in FINGERS}
             notes.append((field, json.dumps(mm)))
+    if shape.fan != usual.fan:
+        degrees = {f: round(float(np.rad2deg(v)), 2) for f, v in shape.fan.items()}
+        notes.append(("fan", json.dumps(degrees)))
     header = ["Frame", "Elapsed_Time_In_Milliseconds", *ANGLE_COLUMNS]
     header += [*POSITION_COLUMNS, *ROTATION_COLUMNS]
     quaternions = Rotation.from_matrix(recording.wrist_from_object[:, :3, :3]).as_quat()

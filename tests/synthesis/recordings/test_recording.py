@@ -127,7 +127,9 @@ def test_writing_then_reading_gives_the_same(tmp_path_factory, seed, side, own_s
     if own_sizes:
         sizes = rng.uniform(20, 50, (len(FINGERS), 3)).round(2) / 1000
         lengths = {f: tuple(map(float, size)) for f, size in zip(FINGERS, sizes, strict=True)}
-        shape = replace(shape, lengths=lengths, girth=0.97)
+        degrees = dict(zip(shape.fan, rng.uniform(-20, 20, 4).round(2), strict=True))
+        fan = {finger: float(np.deg2rad(angle)) for finger, angle in degrees.items()}
+        shape = replace(shape, lengths=lengths, girth=0.97, fan=fan)
     recording = replace(recording, shape=shape)
     path = tmp_path_factory.mktemp("r") / "a" / "x.csv"
     write_recording(recording, path)
@@ -189,6 +191,7 @@ def _times(lines, start, columns, factor):
         (lambda t, s: _times(t, s, range(22, 25), 1000), r"row 1 .*no hand reaches .*metres\?"),
         (lambda t, s: [_LENGTHS.replace("44", "-44"), *t], r"broken\.csv: lengths of the th"),
         (lambda t, s: ["# lengths: [", *t], r"broken\.csv: lengths is not valid JSON"),
+        (lambda t, s: ['# fan: {"index": 3}', *t], r"broken\.csv: fan must give index, middle, r"),
         (lambda t, s: ["# girth: big", *t], r"broken\.csv: girth must be a number, got 'big'"),
         (lambda t, s: [r.replace("Position_Z", "Position_X") for r in t], "column Obj.* twice"),
     ],
