@@ -36,8 +36,10 @@ class Handover:
     """One handover in progress. Call `step` at a steady rate with the newest observation.
 
     Attributes:
+        robot: The robot that it moves.
         choose_grasp: Chooses among candidates; see `hadr.handover.grasping.selection`.
         base_from_camera: The camera's calibration, shape (4, 4), metres.
+        config: Its settings.
         stage: Where it stands.
         transitions: Every change of stage with its reason, oldest first.
         caution: Why the robot is slower than it could be or waits; empty where it is not.

@@ -39,9 +39,9 @@ class BackboneConfig:
         normalize_color: Subtract ImageNet's mean and divide by its standard deviation, as the
             ImageNet weights expect; False hands the 0..1 colours on as the published code does
             (ledger, row 13).
-        patch: Side of a token of the first stage, pixels; 2 keeps more of a small picture.
         pretrained: Name of published weights, e.g. "microsoft/swin-tiny-patch4-window7-224", which
             are fetched once over the network; None starts from random weights.
+        patch: Side of a token of the first stage, pixels; 2 keeps more of a small picture.
 
     Raises:
         ValueError: The numbers of stages differ, heads do not divide a stage's channels, or the

@@ -65,6 +65,8 @@ class Preset:
         zoom: Training frames are enlarged by up to this factor and cropped; 1 leaves them.
         roll_deg: Training frames are turned about the optical axis by up to this angle, degrees.
         precision: Arithmetic of the forward pass in training, "32-true" or "bf16-mixed".
+        validation_frames: At most so many validation frames, evenly spread, are scored after each
+            epoch; None scores all.
         keypoint_noise: Standard deviation of the error that each keypoint coordinate of a training
             frame is given, metres; half of the variance is common to the whole hand.
         optimizer: "adam", or "adamw" with decoupled weight decay.
@@ -76,8 +78,6 @@ class Preset:
             cosine begins anew, for trainings in stages.
         encoder_rate: Factor on the rate of the network's slow encoders (`hadr.models.networks`): a
             Swin Transformer from random weights collapses at 1e-3 and not at 1e-4 (ledger, row 29).
-        validation_frames: At most so many validation frames, evenly spread, are scored after each
-            epoch; None scores all.
 
     Raises:
         ValueError: A count is not positive, or another number is out of its range.

@@ -61,6 +61,7 @@ class GraspSelection:
     """Chooses a grasp as the paper's first stage does; call it with points, hand and robot.
 
     Attributes:
+        rng: Draws the candidates.
         viewpoint: Where the camera stands in the base frame, shape (3,), metres.
         rescoring: False orders the candidates by their own score alone.
         source: Where the candidates come from instead of `sample_grasps`, such as

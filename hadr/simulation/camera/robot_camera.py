@@ -40,10 +40,14 @@ class CapturedFrame:
 
     Attributes:
         color: sRGB, shape (H, W, 3) uint8, or None where no colour was asked for.
-        raw_depth: Measured z-depth, metres, float32; 0 is missing. The others are true.
+        raw_depth: Measured z-depth, metres, float32; 0 is missing.
+        depth: True z-depth.
+        background_depth: That of what is behind the object.
         hand_mask: The hand's and forearm's pixels.
+        object_mask: The object's.
         arm_mask: The robot's, as it draws itself from its joints and where it believes the camera.
         keypoints: True keypoints, camera frame, metres, shape (21, 3).
+        camera: The picture's intrinsics.
     """
 
     color: npt.NDArray[np.uint8] | None

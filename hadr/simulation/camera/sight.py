@@ -71,6 +71,8 @@ class Sight:
     """Perception through one camera, with one way to the object's depth.
 
     Args:
+        scene: Hand and object, as they were at time 0.
+        camera: Through which it looks.
         source: Where the object's depth comes from: "raw" takes what the sensor measured,
             "inpainted" fills the mask from around it, "unet-hand", "hadr" and "hadr-plus" restore
             it, "perfect" knows it.

@@ -82,6 +82,7 @@ class MovingHand:
     """A hand that drifts and turns smoothly about where it started, seen by a camera.
 
     Attributes:
+        scene: Hand and glass, as they were at time 0.
         base_from_camera: Where the camera stands, shape (4, 4), metres.
         seed: Chooses the movement.
         drift: Largest displacement along each axis, metres.

@@ -55,6 +55,7 @@ class SeededMotion:
     """A hand's motion about where it started.
 
     Attributes:
+        kind: What it does.
         wrist: Its place at the start, base frame, metres, (3,): what turns, turns about it.
         seed: Chooses directions, periods and times.
         speed: 1 is normal; 3 goes through the same motion three times as fast. When a hand comes

@@ -37,7 +37,8 @@ class Judge:
         time_limit: An attempt that takes longer, seconds, has failed.
         verdict: The first thing that was decided; it stays.
         decided_at: When, seconds; NaN before.
-        largest_force: On the hand so far, newtons; `smallest_distance`: to it, metres.
+        largest_force: On the hand so far, newtons.
+        smallest_distance: To it until the verdict, metres.
     """
 
     height: float

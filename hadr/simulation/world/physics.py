@@ -103,9 +103,11 @@ class World:
     """One handover's physics.
 
     Args:
+        scene: Hand and object, as they were at time 0.
         path: How the hand has moved at a time in seconds, base_now_from_base_start, shape (4, 4);
             None keeps it where it is.
         arm: Settings of the arm, `robot`, whose last command runs while the world is stepped.
+        motion: How hard it may move.
         seed: Of the noise of the arm's sensors, which differs from hold to hold.
 
     `torn` says whether the object was torn out of the hand.

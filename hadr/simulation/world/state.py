@@ -26,10 +26,12 @@ class WorldState:
     """The world at one moment; base frame, metres, radians, newtons, seconds.
 
     Attributes:
+        time: Since the start.
         joints: The arm's joint angles, shape (6,).
         gripper_width: Distance between the fingers' pads.
         base_from_wrist: Pose of the hand, shape (4, 4).
         base_from_object: Pose of the object, shape (4, 4).
+        holder: Who holds the object.
         hand_force: Largest force of the robot on the hand in the world's last step, newtons.
         through_force: Largest force on the hand through the object in that step, newtons: the
             gripper's on the object as long as the hand holds it (less the glass's own inertia is
