@@ -15,14 +15,16 @@ vary, and what it costs to see another frame's colours. One seed; an hour of one
 `plus`: HADR-plus with one part taken out, on the training frames of DIR (which `hadr generate
 --preset mini` has made), scored on validation frames; no test frame is read.
 
-A row that the file has, of the same recipe, is not run again, so a stopped run goes on.
+A row that the file has, of the same recipe, data and code (what stands here aside), is not run
+again, so a stopped run goes on.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -34,10 +36,11 @@ from frame_errors import frame_error
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hadr.data.folders import FrameSource
+from hadr.data.folders import FrameSource, data_digest
 from hadr.data.samples import open_samples, samples_dir
 from hadr.experiments.averages import paired
 from hadr.experiments.protocol import open_part
+from hadr.experiments.runner import code_of
 from hadr.experiments.scoring import (
     EVALUATION_SIZE,
     restored_depth,
@@ -49,10 +52,10 @@ from hadr.models.hadr import HADROutput
 from hadr.models.window import WindowConfig
 from hadr.ray_voxels import VoxelGrid
 from hadr.records.provenance import plain, provenance
-from hadr.records.result_file import read_result_file, write_result_file
+from hadr.records.result_file import digest, read_result_file, write_result_file
 from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.frames.predicted import with_predicted
-from hadr.training.loop import train
+from hadr.training.loop import evenly, train
 from hadr.training.losses import (
     CODED,
     LossTerms,
@@ -198,14 +201,21 @@ PLUS = (
 class Frames:
     """The frames of a benchmark at each size that is asked for; keypoints true or predicted."""
 
-    def __init__(self, learned: FrameSource, others: FrameSource) -> None:
+    def __init__(
+        self,
+        roots: Sequence[Path],
+        learned: FrameSource,
+        others: FrameSource,
+        most: int | None = None,
+    ) -> None:
+        self.roots, self.most = roots, most
         keypoints = samples_dir() / "checkpoints" / "hand-keypoints-imagenet.safetensors"
         self.given = Given(keypoints=str(keypoints))
         self.sources = {"learned": learned, "others": others}
         self.kept: dict[Any, FrameTensors] = {}
 
     def read(self, part: str, size: tuple[int, int], *, predicted: bool = False) -> FrameTensors:
-        """Give the frames "learned" or "others"."""
+        """Give the frames "learned", at most so many of them, or "others"."""
         key = (part, size, predicted)
         if key not in self.kept:
             if predicted:
@@ -213,14 +223,16 @@ class Frames:
                 self.kept[key] = with_predicted(known, self.sources[part], self.given)
             else:
                 every = part == "others"
-                self.kept[key] = load_frames(self.sources[part], size, keep_all=every)
+                loaded = load_frames(self.sources[part], size, keep_all=every)
+                self.kept[key] = loaded if every else evenly(loaded, self.most)
         return self.kept[key]
 
     def origin(self) -> dict[str, Any]:
         """Which frames are measured, and the hold of each."""
         stems = self.read("others", EVALUATION_SIZE).stems
         return {
-            "learned": len(self.sources["learned"]),
+            "data": {"sha256": digest([data_digest(root) for root in self.roots])},
+            "learned": min(len(self.sources["learned"]), self.most or sys.maxsize),
             "measured": list(stems),
             "holds": self.sources["others"].holds(stems),
         }
@@ -308,18 +320,25 @@ class Bench:
     """One of the benchmarks here."""
 
     what: str
-    recipe: Preset
+    recipe: Callable[[Change, int], Preset]
+    """Gives a row's recipe, from the number of epochs."""
     runs: list[tuple[Change, int]]
     measure: Callable[[Change, int, Preset, Frames], dict[str, Any]]
     epochs: int
 
 
-MINI = replace(preset("mini"), validation_frames=None)
+def changes_of(base: Preset) -> Callable[[Change, int], Preset]:
+    """Give what changes a recipe and its number of epochs."""
+    return lambda change, epochs: replace(changed(base, change.fields), epochs=epochs)
+
+
 BENCHES = {
     "ledger": Bench(
         "HADR with one switch of the ledger turned at a time, {} epochs of the bundled training "
         "frames, scored on the bundled validation and test frames (means over frames, metres)",
-        changed(preset("mini"), {**SEES, "view": WindowConfig(96), "true_voxel_epochs": 1}),
+        changes_of(
+            changed(preset("mini"), {**SEES, "view": WindowConfig(96), "true_voxel_epochs": 1})
+        ),
         LEDGER_RUNS,
         ledger_row,
         epochs=6,
@@ -327,7 +346,7 @@ BENCHES = {
     "collapse": Bench(
         "the encoder's rank and the worth of colours while HADR learns, four ways to begin, {} "
         "epochs",
-        MINI,
+        changes_of(replace(preset("mini"), validation_frames=None)),
         [(way, 0) for way in WAYS],
         way_row,
         epochs=20,
@@ -335,7 +354,7 @@ BENCHES = {
     "plus": Bench(
         "HADR-plus of preset mini trained for {} epochs on the known objects' training frames, one "
         "part taken out, scored on their validation frames (means over frames, metres); one seed",
-        preset("mini", "hadr-plus"),
+        changes_of(preset("mini", "hadr-plus")),
         [(change, 0) for change in PLUS],
         plus_row,
         epochs=4,
@@ -343,34 +362,34 @@ BENCHES = {
 }
 
 
-def recipe_of(bench: Bench, change: Change, epochs: int) -> Preset:
-    """Give a row's recipe."""
-    return replace(changed(bench.recipe, change.fields), epochs=epochs)
-
-
-def rows_of(
-    bench: Bench, epochs: int, known: list[dict[str, Any]], frames: Frames
-) -> Iterator[Any]:
-    """Run what is not known, and give all rows each time there is one more."""
-    rows = list[dict[str, Any]]()
+def run(bench: Bench, frames: Frames, path: Path, epochs: int | None) -> None:
+    """Run what the file has not yet, and write all rows each time there is one more."""
+    torch.set_num_threads(1)
+    epochs, origin = epochs or bench.epochs, frames.origin()
+    about = {**provenance(), "threads": 1, **origin}
+    known = read_result_file(path).rows if path.exists() else ()
+    kept = {row.get("config_sha256"): row for row in known}
+    wanted = {}
     for change, seed in bench.runs:
-        recipe = recipe_of(bench, change, epochs)
-        same = {"turned": change.turned, "seed": seed, "recipe": plain(recipe.to_dict())}
-        row = next((row for row in known if same.items() <= row.items()), None)
-        fresh = row is None
-        if row is None:
-            with ExitStack() as swapped:
-                for name, function in change.instead.items():
-                    swapped.enter_context(patch(name, function))
-                row = {**same, **bench.measure(change, seed, recipe, frames)}
-        if "per_frame" in row:
-            first = (rows or [row])[0]["per_frame"]
-            row["against_full"] = paired(row["per_frame"], first, frames.origin()["holds"])
-        rows.append(row)
-        if fresh:
-            print(f"{change.turned}, seed {seed}", flush=True)
-            later = [row for row in known if row not in rows]
-            yield [*rows, *later]
+        recipe = bench.recipe(change, epochs)
+        row = {"turned": change.turned, "seed": seed, "recipe": plain(recipe.to_dict())}
+        code = code_of(recipe.network, "hadr.experiments.runner")
+        wanted[digest([row, origin["data"], code])] = change, seed, recipe, row
+    for key, (change, seed, recipe, row) in wanted.items():
+        if key in kept:
+            continue
+        with ExitStack() as swapped:
+            for name, function in change.instead.items():
+                swapped.enter_context(patch(name, function))
+            measured = bench.measure(change, seed, recipe, frames)
+        kept[key] = {**row, "config_sha256": key, **measured}
+        rows = [kept[key] for key in wanted if key in kept]
+        for one in rows:
+            if "per_frame" in one:
+                first = rows[0]["per_frame"]
+                one["against_full"] = paired(one["per_frame"], first, origin["holds"])
+        write_result_file(path, bench.what.format(epochs), rows, about)
+        print(f"{change.turned}, seed {seed}", flush=True)
 
 
 def main() -> None:
@@ -381,22 +400,13 @@ def main() -> None:
     parser.add_argument("--data", type=Path, nargs="+", help="of plus: folders with its frames")
     parser.add_argument("--epochs", type=int)
     args = parser.parse_args()
-    torch.set_num_threads(1)
-    bench = BENCHES[args.bench]
     if args.bench == "plus":
-        frames = Frames(*(open_part(args.data or [], "known", part) for part in ("train", "val")))
+        roots = args.data or []
+        frames = Frames(roots, *(open_part(roots, "known", part) for part in ("train", "val")))
     else:
-        frames = Frames(
-            FrameSource([open_samples("train")]),
-            FrameSource([open_samples("val"), open_samples("test")]),
-        )
-    epochs = args.epochs or bench.epochs
-    kept = read_result_file(args.json).rows if args.json.exists() else ()
-    recipes = [plain(recipe_of(bench, change, epochs).to_dict()) for change, _ in bench.runs]
-    known = [row for row in kept if row.get("recipe") in recipes]  # not those of an earlier form
-    about = {**provenance(), "threads": 1, **frames.origin()}
-    for rows in rows_of(bench, epochs, known, frames):
-        write_result_file(args.json, bench.what.format(epochs), rows, about)
+        parts = (open_samples("train"),), (open_samples("val"), open_samples("test"))
+        frames = Frames([samples_dir() / "frames"], *map(FrameSource, parts))
+    run(BENCHES[args.bench], frames, args.json, args.epochs)
 
 
 if __name__ == "__main__":
