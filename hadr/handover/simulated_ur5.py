@@ -236,6 +236,6 @@ class SimulatedUR5:
 
     def _broken_limit(self, joints: Array) -> str:
         """Name the limit that joint angles (6,) break, or return an empty string."""
-        outline, tool = ur5.link_outline(joints), self.tool_pose_at(joints)[:3, 3]
-        reach, lowest = outline[-1] - outline[1], outline[2:, 2].min()
-        return broken_limit(joints, tool, reach, lowest)
+        links, tool = ur5.link_capsules(joints), self.tool_pose_at(joints)[:3, 3]
+        lowest = (np.minimum(links[2:, 2], links[2:, 5]) - links[2:, 6]).min()
+        return broken_limit(joints, tool, links[-1, 3:6] - links[0, 3:6], lowest)

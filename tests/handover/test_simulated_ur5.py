@@ -57,6 +57,25 @@ def test_solutions_all_reach_and_come_nearest_first() -> None:
         np.testing.assert_allclose(robot.tool_pose_at(joints), target, atol=1e-9)
 
 
+def lowest_surface(joints: np.ndarray) -> float:
+    """Height of the lowest surface of the links from the upper arm on, metres."""
+    links = ur5.link_surfaces(joints)[2:]
+    return float((links[:, [2, 5]] - links[:, 6:]).min())
+
+
+def test_no_link_is_led_into_the_table_by_its_thickness() -> None:
+    rng, robot, found = np.random.default_rng(0), SimulatedUR5(), 0
+    for _ in range(400):
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.random(rng=rng).as_matrix()
+        pose[:3, 3] = rng.uniform([0.2, -0.4, 0.1], [0.7, 0.4, 0.3])
+        with suppress(UnreachableError):
+            for joints in robot.joint_solutions(pose):
+                found += 1
+                assert lowest_surface(joints) >= TABLE
+    assert found > 200
+
+
 @settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 2.5))
 def test_no_target_makes_it_break_a_limit(seed: int, spread: float) -> None:
@@ -78,7 +97,7 @@ def test_no_target_makes_it_break_a_limit(seed: int, spread: float) -> None:
         assert (joints <= ur5.JOINT_UPPER).all()
         outline = robot.outline()
         assert np.linalg.norm(outline[-1] - outline[1]) <= 0.85
-        assert outline[2:, 2].min() >= TABLE
+        assert lowest_surface(joints) >= TABLE
         assert in_workspace(robot.tool_pose()[:3, 3])
 
 

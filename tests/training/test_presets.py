@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +13,8 @@ from torch import nn
 
 from hadr.models.networks import NETWORKS
 from hadr.records.provenance import plain
+from hadr.rivals.unet_hand import UNetHandConfig
+from hadr.training import presets
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint, strip_checkpoint
 from hadr.training.loop import optimizer_of
 from hadr.training.presets import RECIPES, preset, recipe_from_dict
@@ -163,3 +167,12 @@ def test_a_checkpoint_of_every_network_is_read_as_that_network(network, tmp_path
         sizes[stored] = path.stat().st_size
     assert sizes["float16"] < 0.7 * sizes["net"]
     assert sizes["int8"] < 0.7 * sizes["float16"]
+
+
+def test_the_line_with_which_a_method_of_ones_own_gets_its_recipes_works() -> None:
+    page = (Path(__file__).resolve().parents[2] / "book" / "own_method.md").read_text("utf-8")
+    (line,) = re.findall(r"^    (\*\(replace\(.*\)),$", page, re.M)
+    known = vars(presets) | {"MineConfig": UNetHandConfig}
+    found = eval(f"({line.replace('mine', 'unet-hand')},)", known)
+    assert [recipe.name for recipe in found] == ["tiny", "mini", "paper"]
+    assert {type(recipe.model) for recipe in found} == {UNetHandConfig}
