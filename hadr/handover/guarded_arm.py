@@ -212,7 +212,7 @@ class GuardedArm:
     def free(self, *path: Array, width: float | None = None, hand: Array | None = None) -> float:
         """Least free space between robot and skin, metres.
 
-        It is that of the gripper on all tool poses, of the arm's links now and at the last one.
+        It is that of the gripper and of the arm's links on all tool poses, and of the links now.
         Left out, poses, opening (metres) and hand are those of now; infinity where none is known.
         """
         hand = self.watch.keypoints if hand is None else hand
@@ -227,10 +227,9 @@ class GuardedArm:
         """What `free` is the least of: the space to each ball of the person, metres, (m,)."""
         width = self.reading.width if width is None else width
         tool, joints = self.reading.tool, self.reading.joints
-        links = ur5.link_surfaces(joints)
-        if path:
-            ahead = ur5.joints_toward(joints, path[-1] @ np.linalg.inv(tool))
-            links = np.concatenate([links, ur5.link_surfaces(ahead)])
+        moved = (pose @ np.linalg.inv(tool) for pose in path)
+        arms = [joints, *(ur5.joints_toward(joints, motion) for motion in moved)]
+        links = np.concatenate([ur5.link_surfaces(arm) for arm in arms])
         return hand_gaps(np.array(path or [tool]), width, hand, links)
 
     def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:

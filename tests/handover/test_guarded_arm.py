@@ -27,6 +27,15 @@ def beside(
     return GuardedArm(SimulatedUR5(), HandoverConfig(), watch)
 
 
+def hand_above_the_forearm() -> np.ndarray:
+    """Keypoints (21, 3) of a flat hand above the arm's forearm, metres."""
+    hand = np.tile([-0.05, 0.0, 0.62], (21, 1))  # flat, its wrist and its own forearm at +x
+    for finger in range(5):
+        hand[1 + 4 * finger : 5 + 4 * finger, 0] -= [0.09, 0.12, 0.14, 0.16]
+        hand[1 + 4 * finger : 5 + 4 * finger, 1] += 0.01 * (finger - 2)
+    return hand
+
+
 def test_the_reference_moves_at_its_speed_and_does_not_run_ahead() -> None:
     tool, goal, told = np.eye(4), np.eye(4), []
     goal[0, 3] = 1.0
@@ -76,14 +85,10 @@ DOWN, UP, ALONG = np.array([[0, 0, -0.3], [0, 0, 0.3], [0.296, 0.032, 0.049]])
 def test_the_speed_of_a_hand_counts_toward_the_part_that_is_nearest(
     velocity: np.ndarray, closing: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A hand above the forearm, whose way to the tool point is another one."""
-    hand = np.tile([-0.05, 0.0, 0.62], (21, 1))  # flat, its wrist and its own forearm at +x
-    for finger in range(5):
-        hand[1 + 4 * finger : 5 + 4 * finger, 0] -= [0.09, 0.12, 0.14, 0.16]
-        hand[1 + 4 * finger : 5 + 4 * finger, 1] += 0.01 * (finger - 2)
-    arm = beside(hand, velocity, monkeypatch, 0.1)
+    """Of the hand above the forearm the way to the tool point is another one."""
+    arm = beside(hand_above_the_forearm(), velocity, monkeypatch, 0.1)
     forearm, free = ur5.link_surfaces(arm.reading.joints)[4:5], arm.free(arm.reading.tool)
-    assert free == pytest.approx(float(links_gaps(forearm, person(hand)).min()))
+    assert free == pytest.approx(float(links_gaps(forearm, person(arm.watch.keypoints)).min()))
     wanted = allowed_speed(free, closing, 0.1, 0.015, OFF)
     assert arm.allowed([arm.reading.tool], 0.015, 1.0) == pytest.approx(wanted, rel=0.05)
 
@@ -92,3 +97,16 @@ def test_a_hand_of_unknown_speed_counts_as_one_that_walks(monkeypatch: pytest.Mo
     arm = beside(np.zeros((21, 3)), None, monkeypatch, 0.1)
     monkeypatch.setattr(GuardedArm, "free", lambda *_, **__: 0.6)
     assert arm.allowed([], 0.015, 1.0) == pytest.approx(allowed_speed(0.6, 1.6, 0.1, 0.015, OFF))
+
+
+def test_the_arms_links_are_asked_for_at_every_pose_of_a_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    arm = beside(hand_above_the_forearm(), None, monkeypatch, 0.1)
+    tool = arm.reading.tool
+    raised = tool.copy()
+    raised[2, 3] += 0.04
+    there = ur5.joints_toward(arm.reading.joints, raised @ np.linalg.inv(tool))
+    nearest = float(links_gaps(ur5.link_surfaces(there), person(arm.watch.keypoints)).min())
+    assert nearest < arm.free() - 0.01
+    assert arm.free(tool, raised, tool) == pytest.approx(nearest)
