@@ -160,13 +160,14 @@ class GuardedArm:
     def leaving(self, *path: Array, speed: float, now: float) -> float:
         """Part of a speed on a way off the hand, over tool poses: `UNSEEN` where none is seen.
 
+        It is 1 where no pose is nearer to the hand than the arm is now, else what is `allowed`.
         HaltError where it leads to within `safety.GRASP_DISTANCE` of the hand, nearer to one within
         `NO_NEARER`, or near to where one was last seen.
         """
         watch = self.watch
         trouble = watch.trouble(now) or watch.problem
         here, there = (self.free(*poses, hand=watch.last) for poses in ((), path))
-        if not trouble and here > NO_NEARER and there < min(here - ALIKE, safety.APPROACH_DISTANCE):
+        if not trouble and here > NO_NEARER and there < here - ALIKE:
             return self.allowed(path, min(here, safety.GRASP_DISTANCE), speed)
         if self.nearer(*path) and (here <= NO_NEARER or there < safety.APPROACH_DISTANCE):
             where = f"{1000 * there:.0f} mm from the gripper's path"

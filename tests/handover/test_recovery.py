@@ -285,6 +285,19 @@ def test_it_does_not_back_into_a_hand_behind_it(back: float) -> None:
     assert recovery.trouble == "hand 8 mm from the gripper"
 
 
+def test_a_way_back_toward_a_hand_is_as_slow_as_a_way_in() -> None:
+    watched = Watched(SimulatedUR5())
+    arm, tool = watched.arm, watched.arm.reading.tool
+    watched.put(0.066, tool[:3, 2])
+    now = watched.look()
+    off, into = tool.copy(), tool.copy()
+    off[:3, 3] -= 0.05 * tool[:3, 2]
+    into[:3, 3] += 0.05 * tool[:3, 2]
+    assert arm.leaving(*arm.ahead(off), speed=0.25, now=now) == 1.0
+    toward = arm.leaving(*arm.ahead(into), speed=0.25, now=now)
+    assert toward == arm.allowed(arm.ahead(into), GRASP_DISTANCE, 0.25) < 0.8
+
+
 def test_a_way_off_the_hand_remembers_where_it_was_last_seen() -> None:
     watched = Watched(SimulatedUR5())
     arm, tool = watched.arm, watched.arm.reading.tool
