@@ -47,7 +47,7 @@ def test_making_recordings_goes_on_where_it_stopped(made, tmp_path, capsys):
     main(["--out", str(tmp_path), "--holds", "2", "--objects", "0001"])
     assert "2 recordings, 1 of them made now" in capsys.readouterr().out
     assert {p.name: p.read_bytes() for p in find_recordings(tmp_path)} == first
-    with pytest.raises(ValueError, match="has those of seed 0, not 1: name another folder"):
+    with pytest.raises(ValueError, match="has recordings of seed 0, not 1: name another folder"):
         next(write_recordings(tmp_path, ["0001"], 3, seed=1))
 
 
