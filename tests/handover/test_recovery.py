@@ -285,27 +285,26 @@ def test_it_does_not_back_into_a_hand_behind_it(back: float) -> None:
     assert recovery.trouble == "hand 8 mm from the gripper"
 
 
-def test_a_way_back_toward_a_hand_is_as_slow_as_a_way_in() -> None:
+def with_a_hand_in_front(metres: float) -> tuple[GuardedArm, float, np.ndarray, np.ndarray]:
+    """An arm that sees a hand, the time, and tool poses (4, 4) 5 cm off that hand and toward it."""
     watched = Watched(SimulatedUR5())
-    arm, tool = watched.arm, watched.arm.reading.tool
-    watched.put(0.066, tool[:3, 2])
-    now = watched.look()
+    tool = watched.arm.reading.tool
+    watched.put(metres, tool[:3, 2])
     off, into = tool.copy(), tool.copy()
     off[:3, 3] -= 0.05 * tool[:3, 2]
     into[:3, 3] += 0.05 * tool[:3, 2]
+    return watched.arm, watched.look(), off, into
+
+
+def test_a_way_back_toward_a_hand_is_as_slow_as_a_way_in() -> None:
+    arm, now, off, into = with_a_hand_in_front(0.066)
     assert arm.leaving(*arm.ahead(off), speed=0.25, now=now) == 1.0
     toward = arm.leaving(*arm.ahead(into), speed=0.25, now=now)
     assert toward == arm.allowed(arm.ahead(into), GRASP_DISTANCE, 0.25) < 0.8
 
 
 def test_a_way_off_the_hand_remembers_where_it_was_last_seen() -> None:
-    watched = Watched(SimulatedUR5())
-    arm, tool = watched.arm, watched.arm.reading.tool
-    watched.put(0.008, tool[:3, 2])
-    now = watched.look()
-    off, into = tool.copy(), tool.copy()
-    off[:3, 3] -= 0.05 * tool[:3, 2]
-    into[:3, 3] += 0.05 * tool[:3, 2]
+    arm, now, off, into = with_a_hand_in_front(0.008)
     assert arm.leaving(*arm.ahead(off), speed=0.1, now=now) == 1.0
     arm.watch.keypoints, arm.watch.problem = None, "no hand in the picture"
     assert arm.leaving(*arm.ahead(off), speed=0.1, now=now) == 0.5
