@@ -1,4 +1,4 @@
-"""A picture of the whole world from beside the table: robot, hand, sleeve, glass and cloth.
+"""A picture of the whole world from beside the table: robot, hand, sleeve, glass and table.
 
 For people, not for the robot, but drawn as its camera draws, by `MovingView`.
 """
