@@ -4,13 +4,16 @@
         --methods lidf dfnet hand-offset
 
 Both must be of the same frames: where their checksums differ, the hand's median depth, which learns
-nothing, has to err alike to a hundredth of a millimetre. The errors of single frames are not in the
-file; so where one of two methods is new and the other is not, the difference from the next better
-one has the standard errors of the two apart.
+nothing, has to err alike to a hundredth of a millimetre. A row of other seeds than the one in its
+place joins it: the numbers become means over all of them. The errors of single frames are not in
+the file; so the standard error of such a mean is the mean of the two, as if all seeds erred alike
+on each frame, which is at least what it is; and where one of two methods is new and the other is
+not, the difference from the next better one has the standard errors of the two apart.
 """
 
 import argparse
 import math
+import statistics
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -43,10 +46,45 @@ def check_frames(new: ResultFile, old: ResultFile) -> None:
         raise ValueError("other checksums of the frames, and no hand's median in both to compare")
 
 
+def of_all_seeds(old: Row, new: Row) -> Row:
+    """One row of two that have no seed in common; texts and configuration are the old one's."""
+    counts = [len(row["seeds"]) for row in (old, new)]
+
+    def mean(first: Any, second: Any) -> Any:
+        if isinstance(first, dict):
+            return {name: mean(first[name], second[name]) for name in first.keys() & second.keys()}
+        if not isinstance(first, float):
+            return first
+        return (counts[0] * first + counts[1] * second) / sum(counts)
+
+    apart = ("configuration", "curve", "provenance", "seed_sd", "against_next")
+    row: Row = old | mean(
+        *({name: value for name, value in row.items() if name not in apart} for row in (old, new))
+    )
+    row |= {name: old[name] + new[name] for name in ("seeds", "config_sha256")}
+    row["by_seed"] = {name: each + new["by_seed"][name] for name, each in old["by_seed"].items()}
+    row["seed_sd"] = {name: statistics.stdev(each) for name, each in row["by_seed"].items()}
+    commits = {
+        name: sorted({*old["provenance"][name], *new["provenance"][name]})
+        for name in ("commit", "trained_at")
+    }
+    row["provenance"] = old["provenance"] | commits
+    # both ask for the mean error on single frames, which is not known
+    row.pop("against_next", None)
+    del row["against_hand_median"]["better_on_frames"]
+    return row
+
+
 def merged(new: ResultFile, old: ResultFile, methods: list[str]) -> list[Row]:
     """The rows of the old file, those of some methods from the new one."""
     fresh = {place(row): dict(row) for row in new.rows if row["method"] in methods}
-    rows = [fresh.pop(place(row), dict(row)) for row in old.rows]
+    rows = []
+    for row in old.rows:
+        other = fresh.pop(place(row), row)
+        before, now = ({*each.get("seeds", [0])} for each in (row, other))
+        if before & now and before - now:
+            raise ValueError(f"{place(row)} has seeds {before} there, and {now} come")
+        rows.append(dict(other) if before <= now else of_all_seeds(row, other))
     # methods that the old file lacks stand behind the hand's median
     for row in reversed(fresh.values()):
         cheap = [n for n, other in enumerate(rows) if other["method"] == "hand-median"

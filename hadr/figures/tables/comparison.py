@@ -179,17 +179,15 @@ def averages_table(rows: Sequence[Row]) -> str:
     """Set each network's error in both averages, and against the hand's median frame by frame."""
     head = [
         "objects", "method", "RMSE, mean over frames (cm)", "pooled (cm)",
-        "minus the hand's median (cm)", "better on frames (%)",
+        "minus the hand's median (cm)",
     ]  # fmt: skip
     lines = []
     for row in [r for split in ("known", "unknown") for r in ordered(rows, split)]:
         pair = row.get("against_hand_median")
         if "parameters" not in row or pair is None:
             continue
-        share = 100 * pair["better_on_frames"] / pair["frames"]
         both = (f"{100 * part['rmse_m']:.2f}" for part in (row, row["pooled"]))
-        name = NAMES[row["method"]]
-        lines.append([row["split"], name, *both, difference_cell(pair), f"{share:.0f}"])
+        lines.append([row["split"], NAMES[row["method"]], *both, difference_cell(pair)])
     return markdown(pd.DataFrame(lines, columns=head), "llr")
 
 

@@ -99,8 +99,7 @@ FIVE = {
 }  # fmt: skip
 RIVALS = [
     row("hadr", "known", 0.0312, pooled={"rmse_m": 0.04}, parameters=1,
-        against_hand_median={"mean_difference_m": -0.01, "standard_error_m": 0.002,
-                             "better_on_frames": 3, "frames": 4},
+        against_hand_median={"mean_difference_m": -0.01, "standard_error_m": 0.002},
         against_next={"method": "tode", "mean_difference_m": 0.0062, "standard_error_m": 0.001}),
     row("tode", "known", 0.025),
     row("unet-hand", "known", 0.02),
@@ -182,7 +181,7 @@ def test_tables_of_parts_averages_and_poses() -> None:
     assert part[4:] == ["4.00", "+0.40 ± 0.10", "2.00", "70.00"]
     assert full == ["HADR, the full model", "0.9", "0.5", "95.22", "3.12", "-", "1.56", "70.00"]
     (line,) = averages_table(RIVALS).splitlines()[2:]  # the others were compared with nothing
-    assert cells(line) == ["known", "HADR", "3.12", "4.00", "-1.00 ± 0.20", "75"]
+    assert cells(line) == ["known", "HADR", "3.12", "4.00", "-1.00 ± 0.20"]
     poses = [row("hadr", "known", 0.03, rank_correlation=0.25,
                  by_pose=[{"rmse_m": 0.02}, {"rmse_m": 0.03}, {"rmse_m": 0.04}])]  # fmt: skip
     assert cells(poses_table(poses).splitlines()[2]) == ["known", "HADR", "2.00", "4.00", "+0.25"]
