@@ -39,10 +39,12 @@ SEEING: Mapping[str, Mapping[str, Any]] = {
     },
     "whole-picture": {"width": 128, "height": 72, "ray_stride": 2, "model": {"view": None}},
     "no-aggregation-thawed": {"model": {"aggregation": False, "lite": LiteConfig(frozen=0)}},
+    "hand-xy": {"model": {"hand": "xy"}},
 }
 """What preset imagenet is without its weights, which learns at the full rate, for there is nothing
 to keep; without its window, with about as many rays of a frame as `mini`; and without aggregation,
-which leaves the encoder one stage: its frozen one, so here nothing is frozen."""
+which leaves the encoder one stage: its frozen one, so here nothing is frozen; and with x and y of
+the keypoints in metres, the published code's 2D hand."""
 LONG_RUN = 4
 """How many times as many epochs a long run has."""
 LONGER: Mapping[str, tuple[str, int]] = {

@@ -46,7 +46,7 @@ from hadr.ray_voxels import (
 )
 from hadr.records.provenance import IF_CHANGED
 
-HandFeature = Literal["none", "2d", "3d"]
+HandFeature = Literal["none", "2d", "xy", "3d"]
 POSITION_LEVELS = 8
 DIRECTION_LEVELS = 4
 
@@ -58,7 +58,9 @@ class HADRConfig(NetworkConfig):
     Args:
         hand: "3d" is the paper's hand feature (126 numbers: keypoints in the wrist frame, and
             relative to the voxel); "2d" the ablation with the keypoints' pixels divided by the
-            image's width and height (42); "none" the ablation without.
+            image's width and height (42); "xy" what the published code calls 2D, x and y of the
+            keypoints in metres, from the wrist and from the voxel (84; ledger, row 34); "none" the
+            ablation without.
         wrist_rotation: Turn the absolute hand feature into the wrist frame (ledger, row 7).
         aggregation: Aggregate all scales of the backbone, or use the finest alone.
         point_fusion: Fuse the dense colour feature with the points, or use their raw colour.
@@ -103,7 +105,7 @@ class HADRConfig(NetworkConfig):
     @property
     def hand_width(self) -> int:
         """Length of the hand feature."""
-        return {"none": 0, "2d": 42, "3d": 126}[self.hand]
+        return {"none": 0, "2d": 42, "xy": 84, "3d": 126}[self.hand]
 
     @property
     def parts(self) -> tuple[int, int, int]:
@@ -272,7 +274,7 @@ class HADR(nn.Module):
         return output, Seen(points, color, directions, in_ray)
 
     def _hand_feature(self, inputs: HADRInput, occupied: OccupiedVoxels) -> Tensor:
-        """Give each voxel its hand feature: (voxels, 0, 42 or 126)."""
+        """Give each voxel its hand feature: (voxels, `hand_width`)."""
         if self.config.hand == "none":
             return occupied.center.new_zeros(len(occupied), 0)
         if self.config.hand == "2d":
@@ -280,12 +282,14 @@ class HADR(nn.Module):
             size = inputs.keypoints_uv.new_tensor([width, height])
             uv = ((inputs.keypoints_uv + 0.5) / size).flatten(1)  # (B, 42)
             return uv.index_select(0, occupied.frame)
+        whole = self.config.hand == "3d"
         absolute = absolute_hand_feature(
-            inputs.keypoints, wrist_rotation=self.config.wrist_rotation
+            inputs.keypoints, wrist_rotation=whole and self.config.wrist_rotation
         )  # (B, 63)
         keypoints = inputs.keypoints.index_select(0, occupied.frame)
         relative = relative_hand_feature(keypoints, occupied.center)  # (voxels, 63)
-        return torch.cat((absolute.index_select(0, occupied.frame), relative), dim=1)
+        feature = torch.cat((absolute.index_select(0, occupied.frame), relative), dim=1)
+        return feature if whole else feature.reshape(-1, 42, 3)[..., :2].flatten(1)
 
 
 def _at(image: Tensor, pixels: Tensor) -> Tensor:

@@ -45,7 +45,7 @@ exit status
 class Parts:
     """Parts of HADR that are changed or left out; no other network has them."""
 
-    hand: Literal["none", "2d", "3d"] | None = None
+    hand: Literal["none", "2d", "xy", "3d"] | None = None
     """The hand feature; 3d where it is left out."""
     no_aggregation: bool = False
     """The backbone's finest scale alone."""

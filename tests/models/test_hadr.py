@@ -171,12 +171,13 @@ def test_rays_without_candidate_are_not_restored() -> None:
         MICRO,
         replace(MICRO, hand="none"),
         replace(MICRO, hand="2d"),
+        replace(MICRO, hand="xy"),
         replace(MICRO, wrist_rotation=False),
         replace(MICRO, aggregation=False),
         replace(MICRO, point_fusion=False),
         replace(MICRO, clamp_probability=True),
     ],
-    ids=["full", "no hand", "2d hand", "no rotation", "one scale", "no fusion", "clamped"],
+    ids=["full", "no hand", "2d hand", "xy", "no rotation", "one scale", "no fusion", "clamped"],
 )
 def test_one_step_reaches_each_module(config: HADRConfig) -> None:
     torch.manual_seed(0)
@@ -193,7 +194,7 @@ def test_one_step_reaches_each_module(config: HADRConfig) -> None:
     assert embedding.grad.abs().sum() > 0
 
 
-@pytest.mark.parametrize("hand", ["3d", "2d", "none"])
+@pytest.mark.parametrize("hand", ["3d", "xy", "2d", "none"])
 def test_the_hand_matters_only_where_it_is_a_feature(hand: str) -> None:
     torch.manual_seed(0)
     model = HADR(replace(MICRO, hand=hand)).eval()  # type: ignore[arg-type]
@@ -201,7 +202,7 @@ def test_the_hand_matters_only_where_it_is_a_feature(hand: str) -> None:
     before = model(inputs).logits
     moved_3d = model(replace(inputs, keypoints=inputs.keypoints + 0.05)).logits
     moved_2d = model(replace(inputs, keypoints_uv=inputs.keypoints_uv + 5)).logits
-    assert torch.equal(before, moved_3d) == (hand != "3d")
+    assert torch.equal(before, moved_3d) == (hand in ("2d", "none"))
     assert torch.equal(before, moved_2d) == (hand != "2d")
 
 
@@ -215,6 +216,19 @@ def test_the_2d_feature_is_the_pixel_over_the_image_size() -> None:
     assert feature.shape[1] == 42
     assert feature[0, 6:8].tolist() == [1.0, 0.5]
     assert feature[0].sum().item() == 1.5
+
+
+def test_the_published_2d_feature_is_x_and_y_in_metres() -> None:
+    model = HADR(replace(MICRO, hand="xy")).eval()
+    inputs, _ = scene()
+    occupied = model(inputs).occupied
+    feature = model._hand_feature(inputs, occupied)
+    assert feature.shape[1] == 84 == model.config.hand_width
+    flat = inputs.keypoints[0, :, :2]
+    torch.testing.assert_close(feature[0, :42], (flat - flat[0]).flatten())
+    torch.testing.assert_close(feature[0, 42:], (flat - occupied.center[0, :2]).flatten())
+    away = replace(inputs, keypoints=inputs.keypoints + torch.tensor([0.0, 0.0, 0.3]))
+    assert torch.equal(model._hand_feature(away, occupied), feature)
 
 
 def test_masked_rays_with_stride_and_start() -> None:

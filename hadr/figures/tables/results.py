@@ -35,6 +35,7 @@ NAMES: dict[str, str] = {
     "no-aggregation": "HADR without aggregation of scales",
     "no-point-fusion": "HADR without point fusion",
     "hand-2d": "HADR with the 2D hand feature",
+    "hand-xy": "HADR with the hand's x and y in metres",
     "random-encoder": "HADR, encoder from random weights",
     "whole-picture": "HADR, without a window",
     "no-aggregation-thawed": "HADR without aggregation, no stage frozen",
