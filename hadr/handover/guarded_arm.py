@@ -144,9 +144,8 @@ class GuardedArm:
         free = self.free(*near)
         if free < least:
             raise HaltError(too_near(free, least), back=True)
-        velocity, closing = watch.velocity(0.15), safety.HUMAN_SPEED
-        if velocity is not None:
-            soon = watch.keypoints + SOON * velocity
+        soon, closing = watch.soon(SOON), safety.HUMAN_SPEED
+        if soon is not None:
             closing = max(0.0, free - self.free(*near, hand=soon)) / SOON
         off = self.config.human_uncertainty
         factor = min(1.0, safety.allowed_speed(free, closing, watch.age, least, off) / speed)

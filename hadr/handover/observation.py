@@ -6,19 +6,25 @@ keypoints again and again are named and leave the robot standing; nothing here r
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Array, transform_points
 from hadr.handover import safety
+from hadr.handover.tracking import best_similarity
 
 FEWEST_POINTS = 30
 """An object of fewer points is none."""
 FASTEST_HAND, NEAR_HAND = 0.8, 0.02
 """A hand that would have moved faster, m/s, and more than so far, metres, since it was believed is
 doubted: until it is back, or has had the time to go there."""
+TURN_WINDOW, TURN_NOISE = 0.3, 0.3
+"""How fast a hand turns is measured over so many seconds; so fast, rad/s, keypoints with an error
+of 4 mm seem to turn at rest, and what is slower counts as resting."""
 FARTHEST_POINT = 5.0
 """Points farther than this from the camera, metres, are none."""
 
@@ -141,7 +147,6 @@ class HandWatch:
         self._equal = self._equal + 1 if same else 1
         self._in_camera = in_camera
         in_base = transform_points(self.base_from_camera, in_camera)
-        middle: Array = in_base.mean(axis=0)
         if self.last is not None:
             since = taken - self._path[-1][0]
             moved = float(np.linalg.norm(in_base - self.last, axis=1).max())  # by turning, too
@@ -150,13 +155,14 @@ class HandWatch:
                 return True
         self.keypoints = self.last = in_base
         self._hand_came = now
-        self._path = [p for p in self._path if p[0] > taken - 1.0] + [(taken, middle)]
+        self._path = [p for p in self._path if p[0] > taken - 1.0] + [(taken, in_base)]
         return True
 
     @property
     def middle(self) -> Array:
         """Mean of the newest hand's keypoints in the base frame, shape (3,), metres."""
-        return self._path[-1][1]
+        middle: Array = self._path[-1][1].mean(axis=0)
+        return middle
 
     @property
     def age(self) -> float:
@@ -176,7 +182,27 @@ class HandWatch:
         if newest - recent[0][0] < window / 2:
             return None
         times = np.array([p[0] for p in recent])
-        return safety.line_velocity(times, np.stack([p[1] for p in recent]))
+        return safety.line_velocity(times, np.stack([p[1].mean(axis=0) for p in recent]))
+
+    def soon(self, ahead: float) -> Array | None:
+        """The hand (21, 3) in so many seconds, if it moves and turns on; None where not known.
+
+        One that turns in its place carries its forearm around.
+        """
+        velocity = self.velocity(0.15)
+        if velocity is None or self.keypoints is None:
+            return None
+        newest, middle = self._path[-1][0], self.middle
+        first, then = next(p for p in self._path if p[0] >= newest - TURN_WINDOW - 1e-6)
+        turn = np.eye(3)
+        with suppress(ValueError):  # keypoints in one place or on one line have no turn
+            turn = best_similarity(then, self.keypoints).rotation
+        angle = cv2.Rodrigues(turn)[0][:, 0] / max(newest - first, 1e-3)
+        rate = float(np.linalg.norm(angle))
+        part = ahead * max(0.0, rate - TURN_NOISE) / max(rate, TURN_NOISE)
+        turned = (self.keypoints - middle) @ cv2.Rodrigues(part * angle)[0].T
+        hand: Array = middle + turned + ahead * velocity
+        return hand
 
     def forget(self, problem: str) -> None:
         """Take the newest hand for unknown until there is another picture."""

@@ -149,15 +149,15 @@ class Handover:
         return f"the clock jumped by {ahead - dt:+.2f} s"
 
     def _act(self, observation: Observation, new: bool, dt: float) -> None:
-        c, halted = self.config, self.arm.reading.protective_stop
+        halted = self.arm.reading.protective_stop
         if halted and not (self.stage is Stage.STOPPED and self.part == "still"):
             raise HaltError(f"protective stop: {halted}", back=True)
         if self.stage is Stage.GOING_HOME:
             self._go_home(dt)
-        elif self.stage is not Stage.GRASP_AND_RETRIEVE and self._waited > c.patience:
-            self._leave(f"no handover within {c.patience:.0f} s", observation)
         elif self.stage is Stage.STOPPED:
             self._recover(observation, dt)
+        elif self.stage is not Stage.GRASP_AND_RETRIEVE and self._impatient:
+            self._leave(self._impatient, observation)
         elif self.stage is Stage.WAIT_AND_OBSERVE:
             self._wait_and_observe(observation, new, dt)
         else:
@@ -172,6 +172,12 @@ class Handover:
     def _waited(self) -> float:
         """For how long, seconds: since a hand was seen first; with an object, in this stage."""
         return self.time - (self._entered if self.arm.around_something else self._first_seen)
+
+    @property
+    def _impatient(self) -> str:
+        """Say that it has waited for too long; or nothing."""
+        patience = self.config.patience
+        return f"no handover within {patience:.0f} s" * (self._waited > patience)
 
     # Wait & Observe
 
@@ -317,6 +323,11 @@ class Handover:
     def _recover(self, observation: Observation, dt: float) -> None:
         clear = self.recovery.step(self.time, dt)
         self.caution = self.recovery.trouble
+        # out from beside the object first, however long it took
+        waits = self.recovery.part == "clear" or self.arm.reading.protective_stop
+        if waits and self._impatient:
+            self._leave(self._impatient, observation)
+            return
         if not clear:
             return
         if self.tries >= self.config.tries:

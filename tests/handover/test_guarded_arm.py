@@ -21,7 +21,7 @@ def beside(
 ) -> GuardedArm:
     """An arm at home whose watch has seen a hand that goes at a velocity."""
     watch = HandWatch(np.eye(4))
-    watch.keypoints = hand
+    watch.keypoints, watch._path = hand, [(0.0, hand)]
     monkeypatch.setattr(HandWatch, "velocity", lambda *_: velocity)
     monkeypatch.setattr(HandWatch, "age", age)
     return GuardedArm(SimulatedUR5(), HandoverConfig(), watch)

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
+from hadr.camera import Array
 from hadr.handover.observation import HandWatch, Observation, cleaned
 from hadr.handover.safety import FROZEN_FRAMES
 from hadr.handover.tracking import HandFilter
@@ -93,6 +95,30 @@ def test_five_pictures_a_second_give_a_speed_and_an_age_too() -> None:
     np.testing.assert_allclose(watch.velocity(0.15), [0.0, 0.0, 0.15], atol=1e-9)
     watch.look(Observation(0.35, noisy(1), frame_time=0.2), 0.35)
     assert watch.age == pytest.approx(0.15)
+
+
+def shown(turn_rate: float, velocity: float, until: float) -> Array:
+    """A hand at a time, seconds, that turns about x and goes along y."""
+    hand = noisy(0)
+    angle = Rotation.from_rotvec([turn_rate * until, 0, 0]).as_matrix()
+    turned = (hand - hand.mean(axis=0)) @ angle.T + hand.mean(axis=0)
+    return np.asarray(turned + np.array([0.0, velocity * until, 0.0]))
+
+
+@pytest.mark.parametrize(("rate", "counts"), [(2.0, 1.7), (0.25, 0.0), (-1.0, -0.7)])
+def test_a_hand_that_turns_in_its_place_is_seen_to_turn_on(rate: float, counts: float) -> None:
+    watch = HandWatch(np.eye(4))
+    for picture in range(8):
+        assert watch.soon(0.1) is None or picture > 1
+        watch.look(Observation(0.1 * picture, shown(rate, 0.2, 0.1 * picture)), 0.1 * picture)
+    soon, now = watch.soon(0.1), shown(rate, 0.2, 0.7)
+    assert soon is not None
+    expected = (now - now.mean(axis=0)) @ Rotation.from_rotvec([0.1 * counts, 0, 0]).as_matrix().T
+    np.testing.assert_allclose(
+        soon, expected + now.mean(axis=0) + np.array([0, 0.02, 0]), atol=1e-6
+    )
+    watch.look(Observation(0.8, np.zeros((21, 3))), 0.8)  # no hand
+    assert watch.soon(0.1) is None
 
 
 @pytest.mark.parametrize("jump", [0.12, 0.3, 0.49])

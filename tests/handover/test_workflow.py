@@ -489,6 +489,33 @@ def test_patience_does_not_end_what_the_gripper_holds() -> None:
     assert handover.stage is Stage.FINISHED
 
 
+def test_patience_that_ends_beside_the_object_backs_off_before_it_goes_home() -> None:
+    handover = fixed_handover(HandoverConfig(patience=3.0))
+    begun: list[float] = []
+
+    def look(seen: Observation) -> Observation:
+        late = handover.part == "advance" and handover.time > 3.0 + handover._first_seen
+        if late and handover.advance.travelled > 0.12 and not begun:
+            begun.append(seen.time)
+        lost = bool(begun) and seen.time < begun[0] + 0.6
+        # it is offered late, and so taken late
+        points = None if seen.time < 1.0 else seen.object_points
+        return replace(seen, object_points=points, keypoints=None if lost else seen.keypoints)
+
+    moments = run(handover, spoil=look)
+    assert begun
+    assert [t.after for t in handover.transitions][2:] == [
+        Stage.STOPPED, Stage.GOING_HOME, Stage.GAVE_UP
+    ]  # fmt: skip
+    stopped, left = (t.time for t in handover.transitions[2:4])
+    before, after = (
+        next(m.tool for m in moments if m.time >= time - 1e-9) for time in (stopped, left)
+    )
+    out = -before[:3, 2] @ (after - before)[:3, 3]
+    assert out > 0.1  # straight back along the approach axis
+    assert np.linalg.norm((after - before)[:3, 3]) == pytest.approx(out, abs=0.005)
+
+
 def test_after_a_pause_the_hand_of_before_is_not_believed() -> None:
     """The newest picture that comes is still the one from before the pause."""
     handover = fixed_handover()
