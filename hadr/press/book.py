@@ -20,28 +20,12 @@ from typing import Any
 import yaml
 
 from hadr.experiments.steps import seconds_text
-from hadr.press.chapters import (
-    ChapterRun,
-    chapter_paths,
-    read_notebook,
-    run_time_table,
-    without_ansi,
-)
+from hadr.press import chapters, paper_report, report
+from hadr.press.chapters import ChapterRun, read_notebook
 from hadr.press.course.chapter import read_chapters
 from hadr.press.course.teaching import chapters_text, plans_text
 from hadr.press.found import found_rules, found_table
 from hadr.press.notebook_twins import repository
-from hadr.press.paper_report import report
-from hadr.press.report import (
-    conditions_table,
-    generation_text,
-    ledger_effects,
-    ledger_table,
-    real_table,
-    speed_table,
-    switches_table,
-    tuning_table,
-)
 from hadr.records.output_folder import check_removable, make_output_folder
 from hadr.records.provenance import machine_text
 from hadr.records.result_file import read_sealed
@@ -50,23 +34,24 @@ from hadr.records.writing import PART, whole_folder, write_whole
 RUNTIME_TOKEN = "*stands here in the built book*"
 REPORTS: dict[str, Callable[[Path], str]] = {
     "{{REPORT}}": lambda results: "\n".join(
-        report(results / size, results / "paper_tables.json", size) for size in ("imagenet", "mini")
+        paper_report.report(results / size, results / "paper_tables.json", size)
+        for size in ("imagenet", "mini")
     ),
     "{{FOUND}}": found_table,
     "{{FOUND_RULES}}": found_rules,
-    "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
-    "{{CONDITIONS_IMAGENET}}": lambda results: conditions_table(results / "imagenet"),
-    "{{CONDITIONS_LONGER}}": lambda results: conditions_table(results / "longer"),
-    "{{REAL}}": lambda results: real_table(results / "real" / "cleargrasp_d435.json"),
-    "{{SWITCHES}}": lambda results: switches_table(results / "training" / "switches.json"),
+    "{{CONDITIONS}}": lambda results: report.conditions_table(results / "mini"),
+    "{{CONDITIONS_IMAGENET}}": lambda results: report.conditions_table(results / "imagenet"),
+    "{{CONDITIONS_LONGER}}": lambda results: report.conditions_table(results / "longer"),
+    "{{REAL}}": lambda results: report.real_table(results / "real" / "cleargrasp_d435.json"),
+    "{{SWITCHES}}": lambda results: report.switches_table(results / "training" / "switches.json"),
     "{{TUNING}}": lambda results: captioned(
-        tuning_table(results / "mini" / "tuning.json"),
+        report.tuning_table(results / "mini" / "tuning.json"),
         "RMSE on validation frames (cm) after each trial, the best of each network in bold.",
     ),
-    "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
-    "{{GENERATION}}": lambda results: generation_text(results / "generation"),
-    "{{LEDGER_EFFECTS}}": lambda results: ledger_effects(results / "mini"),
-    "{{LEDGER_TABLE}}": lambda results: ledger_table(results / "mini" / "ledger.json"),
+    "{{SPEED}}": lambda results: report.speed_table(results / "speed" / "side_by_side.json"),
+    "{{GENERATION}}": lambda results: report.generation_text(results / "generation"),
+    "{{LEDGER_EFFECTS}}": lambda results: report.ledger_effects(results / "mini"),
+    "{{LEDGER_TABLE}}": lambda results: report.ledger_table(results / "mini" / "ledger.json"),
     "{{TEACHING_PLANS}}": lambda results: plans_text(read_chapters(results.parent)),
     "{{TEACHING_CHAPTERS}}": lambda results: chapters_text(
         read_chapters(results.parent), lambda chapter: f"notebooks/{chapter.name}.ipynb"
@@ -92,19 +77,12 @@ FOLDS = {
 _WIDGET_VIEW = "application/vnd.jupyter.widget-view+json"
 
 
-def chapter_title(notebook: Path) -> str:
-    """The first heading of a notebook, without markup."""
-    for cell in read_notebook(notebook).cells:
-        found = re.search(r"^# +(.+)$", cell.source, flags=re.MULTILINE)
-        if cell.cell_type == "markdown" and found:
-            return found.group(1).strip()
-    return notebook.stem
-
-
 def _entry(notebook: Path) -> str:
-    """A chapter's number, and its title as a link."""
-    number = int(notebook.name[:2])
-    return f"{number}. [{chapter_title(notebook)}](notebooks/{notebook.name})"
+    """A chapter's number, and its first heading as a link."""
+    cells = [cell.source for cell in read_notebook(notebook).cells if cell.cell_type == "markdown"]
+    found = re.search(r"^# +(.+)$", "\n".join(cells), flags=re.MULTILINE)
+    title = found[1].strip() if found else notebook.stem
+    return f"{int(notebook.name[:2])}. [{title}](notebooks/{notebook.name})"
 
 
 def stage_notebook(notebook: Any, run_time: str) -> Any:
@@ -121,10 +99,11 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
         if cell.cell_type != "code":
             cell.source = cell.source.replace(RUNTIME_TOKEN, run_time)
             continue
-        if "interactive" in tags:
-            cell.outputs = []
-        cell.outputs = [output for output in cell.outputs if _is_for_readers(output)]
-        cell.outputs = _captioned_films(cell.outputs)
+        told = [] if "interactive" in tags else [
+            output for output in cell.outputs
+            if output.get("name") != "stderr" and _WIDGET_VIEW not in output.get("data", {})
+        ]  # fmt: skip
+        cell.outputs = _captioned_films(told)
         _caption_table(cell)
         _name_fold(cell)
         cells += _beside_a_figure(cell)
@@ -132,12 +111,6 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
     notebook.metadata.pop("widgets", None)
     notebook.metadata.pop("papermill", None)
     return notebook
-
-
-def _is_for_readers(output: Any) -> bool:
-    if output.output_type == "stream":
-        return bool(output.name != "stderr")
-    return _WIDGET_VIEW not in output.get("data", {})
 
 
 def _captioned_films(outputs: Sequence[Any]) -> list[Any]:
@@ -184,14 +157,9 @@ def _beside_a_figure(cell: Any) -> list[Any]:
     if "figure" not in cell.metadata.get("mystnb", {}) or not others:
         return []
     cell.outputs = kept
-    return [
-        nbformat.v4.new_code_cell(
-            "# nothing is shown of a cell without a source",
-            id=f"{cell.id}-beside",
-            metadata={"tags": ["remove-input"]},
-            outputs=others,
-        )
-    ]
+    source = "# nothing is shown of a cell without a source"
+    more = {"id": f"{cell.id}-beside", "metadata": {"tags": ["remove-input"]}, "outputs": others}
+    return [nbformat.v4.new_code_cell(source, **more)]
 
 
 def _name_fold(cell: Any) -> None:
@@ -205,11 +173,8 @@ def _name_fold(cell: Any) -> None:
     elif "parameters" in tags:
         words = "Code: what can be set"
     else:
-        what = next(
-            (words for kind, words in FOLDS.items() if re.search(kind, made)),
-            "what comes next needs",
-        )
-        words = f"Code: {what}"
+        fits = (words for kind, words in FOLDS.items() if re.search(kind, made))
+        words = f"Code: {next(fits, 'what comes next needs')}"
     if any(tag.startswith("hide-") for tag in tags):
         shown = {"code_prompt_show": words, "code_prompt_hide": words} | metadata.get("mystnb", {})
         metadata.update(tags=tags, mystnb=shown)
@@ -231,15 +196,13 @@ def _stage(book: Path, runs: Sequence[ChapterRun], target: Path) -> None:
     for film in (book.parent / "data_samples" / "handover").glob("success.*"):
         shutil.copy(film, target / "_static")  # the first page shows it
     (target / "notebooks").mkdir()
-    titles = {}
     for run in runs:
-        name = run.notebook.name
-        titles[run.name] = _entry(run.notebook)
         measured = f"{seconds_text(run.duration_s)} ({machine_text()})"
         staged = stage_notebook(read_notebook(run.notebook), measured)
-        nbformat.write(staged, target / "notebooks" / name)
+        nbformat.write(staged, target / "notebooks" / run.notebook.name)
+    titles = {run.name: _entry(run.notebook) for run in runs}
     words = {
-        "{{RUNTIME_TABLE}}": run_time_table(runs, titles),
+        "{{RUNTIME_TABLE}}": chapters.run_time_table(runs, titles),
         RUNTIME_TOKEN: seconds_text(sum(run.duration_s for run in runs)),
         "{{REPOSITORY}}": repository(book)["url"],
         "{{MACHINE}}": machine_text(),
@@ -305,7 +268,7 @@ def build_html(staged: Path, output: Path, *, strict: bool) -> Path:
     output.mkdir(parents=True, exist_ok=True)
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-        log = without_ansi(done.stdout + done.stderr)
+        log = chapters.without_ansi(done.stdout + done.stderr)
         (output / "build.log").write_text(log, encoding="utf-8")
         if done.returncode != 0 or not (draft / "_build" / "html" / "index.html").exists():
             wanted = re.compile(r"WARNING:|ERROR:|CRITICAL:|Exception|Error:")
@@ -340,7 +303,7 @@ def readme_table(build: Path, root: Path) -> str:
     if (preset := measured["parameters"]["preset"]) != "tiny":
         raise ValueError(f"{path} has times of preset {preset}, README those of tiny")
     timed = measured["chapters"]
-    notebooks = chapter_paths(root / "notebooks")
+    notebooks = chapters.chapter_paths(root / "notebooks")
     missing = [notebook.stem for notebook in notebooks if notebook.stem not in timed]
     if missing:
         raise ValueError(f"{path} has no time of {', '.join(missing)}: run `make book` first")
@@ -349,4 +312,4 @@ def readme_table(build: Path, root: Path) -> str:
         raise ValueError(f"{path} has times of {' and of '.join(machines)}: run `make book` again")
     runs = [ChapterRun(notebook, timed[notebook.stem]["duration_s"]) for notebook in notebooks]
     titles = {notebook.stem: _entry(notebook) for notebook in notebooks}
-    return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."
+    return f"{chapters.run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."

@@ -9,14 +9,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from hadr.experiments.steps import seconds_text
+from hadr.press import chapters
 from hadr.press.chapter_record import keep_results
-from hadr.press.chapters import (
-    ChapterRun,
-    chapter_paths,
-    read_notebook,
-    run_notebooks,
-    run_time_table,
-)
+from hadr.press.chapters import ChapterRun, chapter_paths
 from hadr.records.checkout import checkout_root
 from hadr.records.option_words import CHAPTER, FOLDER, LARGEST_SEED, MOST_JOBS, check_range
 from hadr.records.output_folder import (
@@ -84,22 +79,18 @@ def run(options: Options) -> int:
                 runs = _runs_of_last_time(build, paths)
             else:
                 say(f"executing {len(paths)} notebooks, preset {options.preset}")
-                runs = run_notebooks(
-                    paths,
-                    build,
-                    preset=options.preset,
-                    seed=options.seed,
-                    say=say,
-                    jobs=options.jobs,
+                preset, seed, jobs = options.preset, options.seed, options.jobs
+                runs = chapters.run_notebooks(
+                    paths, build, preset=preset, seed=seed, say=say, jobs=jobs
                 )
-                keep_results(build, every, options.preset, options.seed, say=say)
+                keep_results(build, every, preset, seed, say=say)
             say("building the HTML book")
             staged = stage_book(root / "book", runs, build / "book")
             index = build_html(staged, build / "html", strict=not options.only)
     except RuntimeError as error:
         print(f"hadr book: error: {error}", file=sys.stderr)
         return 2
-    print(f"\n{run_time_table(runs)}\n")
+    print(f"\n{chapters.run_time_table(runs)}\n")
     print(f"everything took {seconds_text(time.perf_counter() - started)} on {machine_text()}")
     print(f"the book: {index}")
     return 0
@@ -118,8 +109,7 @@ def _runs_of_last_time(build: Path, paths: Sequence[Path]) -> list[ChapterRun]:
         executed = build / "executed" / path.name
         if not executed.exists():
             raise FileNotFoundError(f"{executed} is missing: run without --html-only first")
-        times = structured(
-            read_notebook(executed).metadata.get("papermill", {}), _Times, executed, further=True
-        )
+        told = chapters.read_notebook(executed).metadata.get("papermill", {})
+        times = structured(told, _Times, executed, further=True)
         runs.append(ChapterRun(executed, times.duration or 0.0))
     return runs

@@ -21,13 +21,7 @@ import tyro
 from hadr.corruption import Corruption
 from hadr.experiments.steps import NAME, Step, keep_run_times, last_run_times, steps_text
 from hadr.press.chapter_record import keep_results
-from hadr.press.chapters import (
-    WHOLE,
-    chapter_paths,
-    chapter_steps,
-    run_notebooks,
-    run_time_table,
-)
+from hadr.press.chapters import WHOLE, chapter_paths, chapter_steps, run_notebooks, run_time_table
 from hadr.records.checkout import checkout_root
 from hadr.records.option_words import FOLDER, LARGEST_SEED, MOST_JOBS, check_range
 from hadr.records.output_folder import check_own, make_output_folder
@@ -96,16 +90,10 @@ class Options:
 
 def run(options: Options) -> int:
     """Carry out ``hadr reproduce``: print the plan, do what is left of it, give the status."""
-    from hadr.experiments.plan import (
-        handover_steps,
-        make_handover_table,
-        measure_all,
-        plan,
-        planned_attempts,
-        table_steps,
-    )
+    from hadr.experiments import plan
 
-    check_own(options.out)
+    out, preset = options.out, options.preset
+    check_own(out)
     check_range("jobs", options.jobs, 1, MOST_JOBS)
     check_range("seed", options.seed, 0, LARGEST_SEED)
     seeds = options.seeds or ()
@@ -116,7 +104,7 @@ def run(options: Options) -> int:
     if options.again:
         return _run_again(options, *options.again)
     asked = set(options.only)
-    if options.preset == "imagenet":
+    if preset == "imagenet":
         asked = asked or {"tables"}
         if others := [wish for wish in asked if wish != "tables" and not is_table_wish(wish)]:
             raise ValueError(f"preset imagenet has tables alone, got --only {' '.join(others)}")
@@ -126,56 +114,51 @@ def run(options: Options) -> int:
     paths: Sequence[Path] = ()
     if not asked or rows or "tables" in asked:
         bench = open_bench(options)
-        runs = plan([] if "tables" in asked else rows, options.seeds, options.preset)
+        runs = plan.plan([] if "tables" in asked else rows, options.seeds, preset)
     if not asked or "handover" in asked:
         try:
             check_packages()
         except ValueError as error:
             raise ValueError(f"{error}; or leave it out: --only tables chapters") from error
-        attempts = planned_attempts(options.preset, options.seed)
+        attempts = plan.planned_attempts(preset, options.seed)
     if not asked or chapters or "chapters" in asked:
         paths = chapter_paths(checkout_root() / "notebooks", chapters)
 
     def steps() -> list[Step]:
-        times, found = last_run_times(options.out, options.preset), list[Step]()
+        times, found = last_run_times(out, preset), list[Step]()
         if bench is not None and runs is not None:
-            found += [] if bench.roots else [_data_step(options.preset, times)]
-            found += table_steps(bench, runs, times)
+            found += [] if bench.roots else [_data_step(preset, times)]
+            found += plan.table_steps(bench, runs, times)
         if attempts is not None:
-            found += handover_steps(attempts, options.out, times)
-        return found + chapter_steps(paths, options.out, options.preset, options.seed, times)
+            found += plan.handover_steps(attempts, out, times)
+        return found + chapter_steps(paths, out, preset, options.seed, times)
 
-    print(f"preset {options.preset}, seed {options.seed}; everything goes to {options.out}\n")
+    print(f"preset {preset}, seed {options.seed}; everything goes to {out}\n")
     print(steps_text(steps()), flush=True)
     if options.dry_run:
         return 0
     print()
-    make_output_folder(options.out)
-    with sole_owner(options.out, "hadr reproduce"):
+    make_output_folder(out)
+    with sole_owner(out, "hadr reproduce"):
         try:
             if bench is not None and runs is not None:
-                measure_all(bench, runs, options.out / "tables", jobs=options.jobs)
+                plan.measure_all(bench, runs, out / "tables", jobs=options.jobs)
             if attempts is not None:
-                make_handover_table(attempts, options.out, options.jobs)
+                plan.make_handover_table(attempts, out, options.jobs)
             if bench is not None or attempts is not None:
-                write_report(options.out, options.preset)
+                write_report(out, preset)
             if paths:
                 done = run_notebooks(
-                    paths,
-                    options.out,
-                    preset=options.preset,
-                    seed=options.seed,
-                    resume=True,
-                    jobs=options.jobs,
+                    paths, out, preset=preset, seed=options.seed, resume=True, jobs=options.jobs
                 )
                 every = chapter_paths(checkout_root() / "notebooks")
-                keep_results(options.out, every, options.preset, options.seed)
-                print(f"\n{run_time_table(done)}\n\nresults: {options.out / 'results.json'}")
+                keep_results(out, every, preset, options.seed)
+                print(f"\n{run_time_table(done)}\n\nresults: {out / 'results.json'}")
         except RuntimeError as error:
             print(f"hadr reproduce: error: {error}", file=sys.stderr)
             return 2
-        keep_run_times(options.out, steps())
-    print(f"how long each step took: {options.out / NAME}")
+        keep_run_times(out, steps())
+    print(f"how long each step took: {out / NAME}")
     return 0
 
 
@@ -223,15 +206,8 @@ def open_bench(options: Options) -> Bench:
         check_data(roots, SPLITS)
     limit = TINY_FRAMES if tiny else None
     accelerator = chosen_device(options.accelerator)
-    return Bench(
-        roots,
-        options.out / "runs",
-        options.preset,
-        options.corruption,
-        limit,
-        accelerator,
-        options.keep_trained,
-    )
+    out, corruption, keep = options.out / "runs", options.corruption, options.keep_trained
+    return Bench(roots, out, options.preset, corruption, limit, accelerator, keep)
 
 
 def _data_step(size: str, times: dict[str, float]) -> Step:
