@@ -18,14 +18,7 @@ from typing import Any
 from unittest.mock import patch
 
 from hadr.experiments.steps import Step, seconds_text
-from hadr.press.chapter_record import (
-    RECORD,
-    chapter_configuration,
-    finished_chapter,
-    keep_changed,
-    keep_chapter,
-    keep_unfinished,
-)
+from hadr.press import chapter_record
 from hadr.records.output_folder import CACHE
 from hadr.records.reading import parse_json, read_bytes
 
@@ -103,24 +96,25 @@ def run_notebooks(
 
     def run(notebook: Path) -> tuple[ChapterRun, bool]:
         target, folder, results = _places(notebook, out_dir)
-        configuration = chapter_configuration(notebook, preset, seed)
-        before = finished_chapter(folder, configuration, target, results) if resume else None
-        duration = before
+        configuration = chapter_record.chapter_configuration(notebook, preset, seed)
+        made = folder, configuration, target, results
+        duration = chapter_record.finished_chapter(*made) if resume else None
+        was_there = duration is not None
         if duration is None:
             folder.mkdir(parents=True, exist_ok=True)
             target.parent.mkdir(parents=True, exist_ok=True)
-            keep_changed(folder, target, results)
-            for stale in (results, folder / RECORD):
+            chapter_record.keep_changed(folder, target, results)
+            for stale in (results, folder / chapter_record.RECORD):
                 stale.unlink(missing_ok=True)
             parameters = {"preset": preset, "seed": seed, "out_dir": str(folder)}
             try:
                 duration = _execute(notebook, target, parameters, shown=jobs == 1)
             except BaseException:
                 with contextlib.suppress(OSError):  # such as a full disk, which is told already
-                    keep_unfinished(folder, target, results)
+                    chapter_record.keep_unfinished(folder, target, results)
                 raise
-            keep_chapter(folder, configuration, duration, target, results)
-        return ChapterRun(target, duration), before is not None
+            chapter_record.keep_chapter(folder, configuration, duration, target, results)
+        return ChapterRun(target, duration), was_there
 
     runs = []
     with private_jupyter(out_dir / CACHE), ThreadPoolExecutor(jobs) as pool:
@@ -297,8 +291,8 @@ def chapter_steps(
     steps = []
     for notebook in notebooks:
         target, folder, results = _places(notebook, out_dir)
-        configuration = chapter_configuration(notebook, preset, seed)
-        took = finished_chapter(folder, configuration, target, results)
+        configuration = chapter_record.chapter_configuration(notebook, preset, seed)
+        took = chapter_record.finished_chapter(folder, configuration, target, results)
         left, seconds = ("execution", times.get(notebook.stem)) if took is None else ("done", took)
         steps.append(Step("chapters", notebook.stem, left, seconds, f"executed/{notebook.name}"))
     return steps

@@ -16,7 +16,7 @@ import pandas as pd
 
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
 from hadr.figures.tables.handover import paired
-from hadr.figures.tables.results import NAMES, Row, markdown, with_doubt
+from hadr.figures.tables.results import NAMES, Row, markdown, rmse_cm
 from hadr.metrics import METRICS
 from hadr.models.networks import RIVALS
 from hadr.records.reading import read_json
@@ -66,12 +66,8 @@ def verdict(difference: float, standard_error: float) -> str:
 def claims(results: Path) -> list[Claim]:
     """All claims, in the paper's order, judged by the result files of a folder."""
     paper = read_json(results / "paper_tables.json")
-    return [
-        *_depth_claims(results, paper),
-        *_ablation_claims(results, paper),
-        *_untested_claims(results, paper),
-        *_handover_claims(results, paper),
-    ]
+    parts = (_depth_claims, _ablation_claims, _untested_claims, _handover_claims)
+    return [claim for part in parts for claim in part(results, paper)]
 
 
 def _better(ours: Row, others: Sequence[Row]) -> str:
@@ -87,10 +83,6 @@ def _first(metric: str, ours: Row, others: Sequence[Row]) -> bool:
     """Whether a row is best in a metric."""
     sign = -1 if METRICS[metric].larger_is_better else 1
     return all(sign * ours[metric] < sign * row[metric] for row in others)
-
-
-def _cm(row: Row) -> str:
-    return with_doubt(row["rmse_m"], row["rmse_standard_error_m"])
 
 
 def _depth_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
@@ -111,8 +103,9 @@ def _depth_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
             f"HADR before the four rivals on {split} objects",
             f"{claimed}: {own:.1f} cm against {min(theirs):.1f} to {max(theirs):.1f}.",
             "abstract, IV-A, table I",
-            f"HADR {_cm(ours)} cm, the next, {NAMES[nearest['method']]}, {_cm(nearest)}; first in "
-            f"{sum(_first(one, ours, others) for one in measured)} of {len(measured)} metrics",
+            f"HADR {rmse_cm(ours)} cm, the next, {NAMES[nearest['method']]}, {rmse_cm(nearest)}; "
+            f"first in {sum(_first(one, ours, others) for one in measured)} of {len(measured)} "
+            "metrics",
             _better(ours, others), COMPARISON, name,
         )  # fmt: skip
         if split == "known":
@@ -127,12 +120,13 @@ def _depth_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
                 f"Unlike LIDF, HADR is good without a second stage: {own:.1f} cm against "
                 f"{100 * paper[split]['LIDF+Refine'][0]:.1f}.",
                 "IV-A",
-                f"HADR {_cm(ours)} cm, LIDF refined {_cm(refined)}, its first stage {first:.2f}",
+                f"HADR {rmse_cm(ours)} cm, LIDF refined {rmse_cm(refined)}, its first stage "
+                f"{first:.2f}",
                 _better(ours, [refined]), COMPARISON, name,
             )  # fmt: skip
         yield Claim(
             f"the published error on {split} objects", f"HADR's RMSE is {own:.1f} cm.", "table I",
-            f"{_cm(ours)} cm", NOT_REACHED, COMPARISON, name,
+            f"{rmse_cm(ours)} cm", NOT_REACHED, COMPARISON, name,
             "On other pictures, by a smaller network that learned for minutes: the digits may not "
             "be compared.",
         )  # fmt: skip
@@ -177,7 +171,7 @@ def _ablation_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
     thawed = read_result_file(results / FOLDER / "ledger.json").row(method="no-aggregation-thawed")
     remarks = {
         "no-aggregation": "Without it only the encoder's first stage is left, which is frozen in "
-        f"this preset; where it learns, too, the error is {_cm(thawed)} cm.",
+        f"this preset; where it learns, too, the error is {rmse_cm(thawed)} cm.",
     }
     theirs = {row: 100 * numbers[0] for row, numbers in paper["ablation"].items()}
     within = {row: numbers[3] for row, numbers in paper["ablation"].items()}  # delta 1.05, %
@@ -197,7 +191,7 @@ def _ablation_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
             f"{claimed}: RMSE {theirs['Full Model']:.1f} to {theirs[PUBLISHED_NAMES[method]]:.1f} "
             f"cm, δ1.05 {within['Full Model']:.1f} to {within[PUBLISHED_NAMES[method]]:.1f} %.",
             "IV-A, table II",
-            f"{_cm(row)} cm without it, {_cm(full)} with it: {100 * mean:+.2f} ± "
+            f"{rmse_cm(row)} cm without it, {rmse_cm(full)} with it: {100 * mean:+.2f} ± "
             f"{100 * doubt:.2f}; δ1.05 {row['delta_105']:.1f} and {full['delta_105']:.1f} %",
             verdict(mean, doubt), COMPARISON, name, remarks.get(method, ""),
         )  # fmt: skip
@@ -211,8 +205,8 @@ def _ablation_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
         f"With the keypoints' pixels alone HADR is only slightly worse: {theirs['Full Model']:.1f} "
         f"to {theirs['2D Hand Feature']:.1f} cm.",
         "IV-A, table II",
-        f"{_cm(file.row(method='hand-2d'))} cm with 2D, {_cm(full)} with 3D, "
-        f"{_cm(file.row(method='no-hand'))} without any hand",
+        f"{rmse_cm(file.row(method='hand-2d'))} cm with 2D, {rmse_cm(full)} with 3D, "
+        f"{rmse_cm(file.row(method='no-hand'))} without any hand",
         verdict(half, doubt), COMPARISON, name,
         "*Slightly* is taken for less than half of what the hand brings.",
     )  # fmt: skip
@@ -349,5 +343,6 @@ def found_paragraph(results: Path) -> str:
         f"({', '.join(NAMES[rival] for rival in RIVALS)}); errors as RMSE (the root of the mean "
         "squared error), with their standard error:\n", *lines,
         "\nAnd what the paper did not ask: a plain U-Net that is told where the hand is comes "
-        f"{nearer} the truth than HADR ({_cm(plain)} cm against {_cm(hadr)} on known objects).",
+        f"{nearer} the truth than HADR ({rmse_cm(plain)} cm against {rmse_cm(hadr)} on known "
+        "objects).",
     ))  # fmt: skip

@@ -63,30 +63,21 @@ def serialise(notebook: Any) -> str:
     """Write a notebook in the committed form: no outputs, numbered cell ids, fixed metadata."""
     cells = []
     for number, cell in enumerate(notebook.cells):
-        metadata = {
-            key: value
-            for key, value in json.loads(json.dumps(cell.metadata)).items()
-            if key in ("tags", "mystnb", "jupyter", "editable")
-        }
+        kept = ("tags", "mystnb", "jupyter", "editable")
+        metadata = {key: value for key, value in cell.metadata.items() if key in kept}
         entry: dict[str, Any] = {"cell_type": cell.cell_type, "id": f"cell-{number:03d}"}
         if cell.cell_type == "code":
             entry |= {"execution_count": None, "metadata": metadata, "outputs": []}
         else:
-            entry |= {"metadata": metadata}
+            entry["metadata"] = metadata
         entry["source"] = cell.source.splitlines(keepends=True)
         cells.append(entry)
-    content = {
-        "cells": cells,
-        "metadata": {
-            "jupytext": {
-                "text_representation": {"extension": ".md", "format_name": "myst"},
-            },
-            "kernelspec": KERNELSPEC,
-            "language_info": {"name": "python"},
-        },
-        "nbformat": 4,
-        "nbformat_minor": 5,
+    about = {
+        "jupytext": {"text_representation": {"extension": ".md", "format_name": "myst"}},
+        "kernelspec": KERNELSPEC,
+        "language_info": {"name": "python"},
     }
+    content = {"cells": cells, "metadata": about, "nbformat": 4, "nbformat_minor": 5}
     return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 
 from hadr.experiments.averages import standard_error
 from hadr.experiments.tables import DEFAULT
-from hadr.figures.tables.results import NAMES, markdown, with_doubt
+from hadr.figures.tables.results import NAMES, markdown, rmse_cm, with_doubt
 from hadr.metrics import METRICS
 from hadr.records.result_file import read_result_file, read_result_files, read_sealed
 
@@ -39,10 +39,6 @@ _EFFECTS = (
 """The ledger's rows that were measured: number, the change, the result file, and its row there."""
 
 
-def _with_doubt(row: Mapping[str, Any]) -> str:
-    return with_doubt(row["rmse_m"], row["rmse_standard_error_m"])
-
-
 def _cells(row: Mapping[str, Any]) -> dict[str, str]:
     """All metrics of a row by their headings."""
     return {metric.heading: metric.text(row.get(name)) for name, metric in METRICS.items()}
@@ -58,7 +54,7 @@ def ledger_table(path: str | Path) -> str:
     for row in read_result_file(path).rows:
         made = f"{row['epochs']} epochs, seed {' '.join(map(str, row['seeds']))}"
         name = _SWITCHED.get(row["method"], row["method"])
-        columns[name] = {**_cells(row), "RMSE (cm)": _with_doubt(row), "trained": made}
+        columns[name] = {**_cells(row), "RMSE (cm)": rmse_cm(row), "trained": made}
         if row["method"] == DEFAULT:
             columns["metrics pooled"] = {**_cells(row["pooled"]), "trained": made}
     return markdown(pd.DataFrame(columns).rename_axis("metric").reset_index())
@@ -171,7 +167,7 @@ def conditions_table(folder: str | Path) -> str:
     its standard error over holds; "-" where a method has nothing of what is predicted.
     """
     rows = pd.DataFrame(read_result_files(folder, "segmentation", "keypoints").rows)
-    rows["error"] = [_with_doubt(row) for _, row in rows.iterrows()]
+    rows["error"] = [rmse_cm(row) for _, row in rows.iterrows()]
     rows = rows.drop_duplicates(["method", "given"])
     table = rows.pivot(index="method", columns="given", values="error")
     table = table.reindex(index=rows["method"].unique(), columns=rows["given"].unique())

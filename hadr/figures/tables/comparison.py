@@ -14,9 +14,9 @@ from hadr.figures.tables.results import (
     difference_cell,
     markdown,
     ordered,
+    rmse_cm,
     system_color,
     system_marker,
-    with_doubt,
 )
 from hadr.models.networks import NETWORKS
 
@@ -169,8 +169,8 @@ def memory_table(rows: Sequence[Row]) -> str:
         cells = []
         for row in (one, other):
             itself = row["method"] == "hand-median"
-            cells.append(with_doubt(row["rmse_m"], row["rmse_standard_error_m"]))
-            cells.append(difference_cell(None if itself else row["against_hand_median"]))
+            gap = difference_cell(None if itself else row["against_hand_median"])
+            cells += [rmse_cm(row), gap]
         lines.append([NAMES[one["method"]], *cells])
     return markdown(pd.DataFrame(lines, columns=head), best=[range(len(lines))])
 

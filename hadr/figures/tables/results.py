@@ -109,6 +109,11 @@ def with_doubt(value_m: float, doubt_m: float, *, sign: str = "") -> str:
     return f"{100 * value_m:{sign}.2f} ±\N{NO-BREAK SPACE}{100 * doubt_m:.2f}"
 
 
+def rmse_cm(row: Row) -> str:
+    """A row's RMSE with its standard error over holds, centimetres."""
+    return with_doubt(row["rmse_m"], row["rmse_standard_error_m"])
+
+
 def _listed(rows: Sequence[Row]) -> list[str]:
     """Methods that occur in any split, in the order of `NAMES`."""
     there = {row["method"] for row in rows}
@@ -195,8 +200,7 @@ def seeing_table(rows: Sequence[Row], parts: Sequence[Row], colors: Sequence[Row
     for row in ordered(rows, "known"):
         method, found = row["method"], place.get(row["method"])
         apart = [f"{100 * found[p]:.2f}" if found else "-" for p in ("place_m", "shape_m")]
-        rmse = with_doubt(row["rmse_m"], row["rmse_standard_error_m"])
-        cells = [rmse, f"{row['delta_105']:.1f}", *apart, worth.get(method, "-")]
+        cells = [rmse_cm(row), f"{row['delta_105']:.1f}", *apart, worth.get(method, "-")]
         lines.append([NAMES[method], *cells])
     return markdown(pd.DataFrame(lines, columns=head), best=[range(len(lines))])
 

@@ -200,16 +200,9 @@ def _exercise(pieces: Sequence[Piece], label: str, number: str, title: str, name
 
 def last_call(source: str, what: str) -> ast.Call:
     """The call of ``check`` with which a cell must end; ``what`` is how an error names the cell."""
-    body = ast.parse(source).body
-    last = body[-1] if body else None
-    if (
-        isinstance(last, ast.Expr)
-        and isinstance(last.value, ast.Call)
-        and isinstance(last.value.func, ast.Name)
-        and last.value.func.id == "check"
-        and last.value.args
-    ):
-        return last.value
+    match ast.parse(source).body:
+        case [*_, ast.Expr(ast.Call(ast.Name("check"), [_, *_]) as call)]:
+            return call
     raise ValueError(f"{what} must end with check(...), got {source.splitlines()[-1:]}")
 
 
@@ -221,13 +214,8 @@ def hints(exercise: Exercise) -> tuple[str, ...]:
     """
     tree = ast.parse(exercise.check)
     call = last_call(exercise.check, exercise.label)
-    named = {
-        target.id: node.value
-        for node in tree.body
-        if isinstance(node, ast.Assign)
-        for target in node.targets
-        if isinstance(target, ast.Name)
-    }
+    given = (node for node in tree.body if isinstance(node, ast.Assign))
+    named = {name.id: n.value for n in given for name in n.targets if isinstance(name, ast.Name)}
     listed = next((word.value for word in call.keywords if word.arg == "wrong"), None)
     if isinstance(listed, ast.Name):
         listed = named.get(listed.id)

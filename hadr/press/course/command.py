@@ -1,7 +1,6 @@
 """``hadr course``: everything a teacher hands out, made from the chapters."""
 
 import contextlib
-import hashlib
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Annotated, Any, Literal
 from hadr.press.chapters import chapter_paths, run_notebooks
 from hadr.press.course.chapter import Chapter, plain_markdown, read_chapters, short_citations
 from hadr.press.course.slides import build_slides, missing_packages
+from hadr.records.caches import file_sha256
 from hadr.records.checkout import checkout_root
 from hadr.records.option_words import CHAPTER, FOLDER, LARGEST_SEED, check_range
 from hadr.records.output_folder import check_output_folder, wrote
@@ -81,7 +81,7 @@ def run(options: Options) -> int:
     about = {"preset": options.preset, "seed": options.seed, "chapters": [c.name for c in chapters]}
     try:
         with written_whole(options.out, about) as folder:
-            write_notebooks(folder, chapters, options.preset, options.seed, plain)
+            write_notebooks(folder, chapters, options, plain)
             text = plain(instructor_text(chapters, every))
             (folder / "instructor.md").write_text(text, encoding="utf-8")
             (folder / "nbgrader_config.py").write_text(NBGRADER_CONFIG, encoding="utf-8")
@@ -108,18 +108,16 @@ def plainer(root: Path) -> Callable[[str], str]:
 
 
 def write_notebooks(
-    folder: Path,
-    chapters: Sequence[Chapter],
-    preset: str,
-    seed: int,
-    plain: Callable[[str], str],
+    folder: Path, chapters: Sequence[Chapter], options: Options, plain: Callable[[str], str]
 ) -> None:
     """Write ``student/``, ``solutions/`` and ``tests/`` into a folder."""
     from hadr.press.course.graded import course_notebook, otter_test
 
     for chapter in chapters:
         for part, solved in (("student", False), ("solutions", True)):
-            text = course_notebook(chapter, solved=solved, preset=preset, seed=seed, plain=plain)
+            text = course_notebook(
+                chapter, solved=solved, preset=options.preset, seed=options.seed, plain=plain
+            )
             (folder / part).mkdir(exist_ok=True)
             (folder / part / f"{chapter.name}.ipynb").write_text(text, encoding="utf-8")
         tests = folder / "tests" / chapter.name
@@ -147,7 +145,7 @@ def _executed(
 
 def _checksums(folder: Path) -> dict[str, str]:
     return {
-        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        path.relative_to(folder).as_posix(): file_sha256(path)
         for path in sorted(folder.rglob("*"))
         if path.is_file() and path != folder / MANIFEST
     }
@@ -163,9 +161,7 @@ def check_target(out: Path) -> None:
             f"--out {out} is not empty, and `{MADE_BY}` did not write it; name a new folder"
         )
     files = read_json(out / MANIFEST)["files"]
-    present = _checksums(out)
-    changed = sorted(name for name, checksum in present.items() if files.get(name) != checksum)
-    if changed:
+    if changed := sorted(name for name, sha in _checksums(out).items() if files.get(name) != sha):
         listed = ", ".join(changed[:3]) + (f" and {len(changed) - 3} more" if changed[3:] else "")
         raise ValueError(
             f"--out {out} holds files that were added or changed since `{MADE_BY}` wrote it: "

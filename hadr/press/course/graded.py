@@ -122,10 +122,8 @@ def course_notebook(
             add("code", check_cell(exercise, hidden_test=solved), marked | closed)
             if solved:
                 add("markdown", f"**Solution.** {plain(exercise.words)}", {})
-    notebook = nbformat.v4.new_notebook(
-        cells=cells,
-        metadata={"kernelspec": KERNELSPEC, "language_info": {"name": "python"}},
-    )
+    about = {"kernelspec": KERNELSPEC, "language_info": {"name": "python"}}
+    notebook = nbformat.v4.new_notebook(cells=cells, metadata=about)
     nbformat.validate(notebook)
     return str(nbformat.writes(notebook)).rstrip("\n") + "\n"
 

@@ -67,19 +67,14 @@ _STYLE = """\
 
 def missing_packages() -> list[str]:
     """What the slides need and this environment lacks, by the names under which to install it."""
-    needed = {"sphinx": "sphinx", "myst_parser": "myst-parser",
-              "sphinx-mathjax-offline": "sphinx-mathjax-offline",
-              "sphinx_revealjs": "sphinx-revealjs"}  # fmt: skip
-    return [name for module, name in needed.items() if importlib.util.find_spec(module) is None]
+    needed = ("sphinx", "myst_parser", "sphinx-mathjax-offline", "sphinx_revealjs")
+    return [one.replace("_", "-") for one in needed if importlib.util.find_spec(one) is None]
 
 
 def pictures_of(executed: Path, chapter: Chapter, folder: Path) -> dict[str, str]:
     """Take the figures of an executed notebook out into files."""
-    outputs = {
-        cell.source: cell.outputs
-        for cell in read_notebook(executed).cells
-        if cell.cell_type == "code"
-    }
+    cells = read_notebook(executed).cells
+    outputs = {cell.source: cell.outputs for cell in cells if cell.cell_type == "code"}
     found: dict[str, str] = {}
     for piece in chapter.pieces:
         if not piece.is_code or piece.label or "image" not in piece.metadata.get("mystnb", {}):
@@ -192,7 +187,9 @@ def deck_text(chapter: Chapter, pictures: Mapping[str, str], plain: Callable[[st
     for exercise in chapter.exercises:
         slides.append(f"### {exercise.title}\n\n{exercise.question}\n\n{_notes(exercise.words)}")
     if "Summary" in sections:
-        slides.append(_summary(sections["Summary"]))
+        told = sections["Summary"].paragraphs
+        further = [p for p in told if p.startswith(("**Read", "**Next", "**In the"))]
+        slides += ["## Summary", *(p for p in told if p not in further), _notes(*further)]
     return plain("\n\n".join(slides)) + "\n"
 
 
@@ -213,12 +210,6 @@ def _column(section: Section, pictures: Mapping[str, str]) -> list[str]:
         told = piece.metadata["mystnb"].get("figure", {}).get("caption", words)
         bodies.append(f"{picture}\n\n*{told}*")
     return [f"{'###' if k else '##'} {section.heading}\n\n{body}" for k, body in enumerate(bodies)]
-
-
-def _summary(section: Section) -> str:
-    further = [p for p in section.paragraphs if p.startswith(("**Read", "**Next", "**In the"))]
-    told = [paragraph for paragraph in section.paragraphs if paragraph not in further]
-    return "\n\n".join(["## Summary", *told, _notes(*further)])
 
 
 def _notes(*paragraphs: str) -> str:

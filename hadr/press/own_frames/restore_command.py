@@ -6,7 +6,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -133,18 +133,9 @@ exit status
 MEDIAPIPE = "mediapipe"
 """What `hand` says to have MediaPipe find it; a file of that name is ./mediapipe."""
 INPUTS = (
-    "rgb",
-    "depth",
-    "intrinsics",
-    "mask",
-    "hand",
-    "hand_model",
-    "hand_mask",
-    "truth",
-    "checkpoint",
-    "segmentation",
-    "keypoint_network",
-)
+    "rgb", "depth", "intrinsics", "mask", "hand", "hand_model", "hand_mask", "truth", "checkpoint",
+    "segmentation", "keypoint_network",
+)  # fmt: skip
 """The options that name a file to read."""
 
 
@@ -330,14 +321,12 @@ def restorer_of(options: Options) -> Iterator[Restorer]:
         )
 
 
-@contextmanager
-def _hand_finder(options: Options) -> Iterator[MediaPipeHand | str | None]:
+def _hand_finder(options: Options) -> AbstractContextManager[MediaPipeHand | str | None]:
     """What finds the hand: MediaPipe, a network's checkpoint, or nothing."""
     if options.hand != MEDIAPIPE:
         if options.hand_model is not None:
             raise ValueError("--hand-model is MediaPipe's: it goes with --hand mediapipe")
-        yield options.keypoint_network
-        return
+        return nullcontext(options.keypoint_network)
     if options.keypoint_network is not None:
         raise ValueError("--hand mediapipe and --keypoint-network both find the hand: name one")
     if options.hand_model is None:
@@ -347,8 +336,7 @@ def _hand_finder(options: Options) -> Iterator[MediaPipeHand | str | None]:
         )
     from hadr.models.hand.mediapipe_hand import MediaPipeHand
 
-    with MediaPipeHand(options.hand_model) as finder:
-        yield finder
+    return MediaPipeHand(options.hand_model)
 
 
 def _read_truth(options: Options, shape: tuple[int, ...]) -> NDArray[np.float32] | None:

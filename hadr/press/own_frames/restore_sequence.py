@@ -13,17 +13,8 @@ import numpy.typing as npt
 from tqdm import tqdm
 
 from hadr.frame_io import read_color
-from hadr.press.own_frames.restore_command import (
-    MEDIAPIPE,
-    Options,
-    check_names,
-    found_nothing,
-    input_files,
-    outputs,
-    restored_frame,
-    restorer_of,
-    write_frame,
-)
+from hadr.press.own_frames import restore_command as single
+from hadr.press.own_frames.restore_command import MEDIAPIPE, Options, input_files, restorer_of
 from hadr.records.output_folder import VIEW, check_apart, check_replaceable
 from hadr.records.result_file import seal_row
 from hadr.records.writing import whole_folder
@@ -60,14 +51,14 @@ def run_sequence(options: Options) -> int:
         bar = tqdm(frames.items(), unit="frame", disable=options.quiet or None, file=sys.stderr)
         for name, one in bar:
             try:
-                made = restored_frame(one, restorer)
+                made = single.restored_frame(one, restorer)
             except (ValueError, OSError) as error:
                 told[name] = {"refused": str(error)}
                 continue
             (folder / name).mkdir()
-            report = write_frame(folder / name, made)
+            report = single.write_frame(folder / name, made)
             told[name] = {key: report[key] for key in ("method", "method_title", "counts", "notes")}
-            told[name]["nothing"] = found_nothing(made.result)
+            told[name]["nothing"] = single.found_nothing(made.result)
         done = [name for name in told if "refused" not in told[name]]
         if not done:
             first, why = next(iter(told.items()))
@@ -75,7 +66,7 @@ def run_sequence(options: Options) -> int:
         film = folder / FILMS[find_spec("imageio_ffmpeg") is None]
         write_film(film, _pictures(folder / name / "comparison.png" for name in done), RATE)
         record = {"command": "hadr restore", "film": film.name, "frames": told}
-        seal_row(folder / RECORD, {**record, "outputs": outputs(folder)})
+        seal_row(folder / RECORD, {**record, "outputs": single.outputs(folder)})
     if not options.quiet:
         print("\n".join((*_summary(told), f"written   {out}, with {film.name}")))
     bad = [name for name, one in told.items() if one.get("nothing", True)]
@@ -106,7 +97,7 @@ def sequence_frames(options: Options) -> dict[str, Options]:
         for path in sorted(Path(given).iterdir()):
             if path.name.startswith(".") or path.name in _OF_SYSTEMS or path.is_dir():
                 continue
-            check_names(str(path))
+            single.check_names(str(path))
             if path.stem in found:
                 raise ValueError(
                     f"{given} holds two files of frame {path.stem}, {Path(found[path.stem]).name} "
