@@ -210,11 +210,7 @@ def legend_below(fig: Figure, ax: Axes, *, columns: int = 4) -> None:
 
 
 def show_both_splits(
-    draw: Callable[[Axes, str], None],
-    *,
-    height: float,
-    legend: int = 0,
-    same_scale: bool = True,
+    draw: Callable[[Axes, str], None], *, height: float, legend: int = 0, same_scale: bool = True
 ) -> None:
     """Show known objects on the left and unknown ones on the right, `height` inches high.
 

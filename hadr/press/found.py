@@ -171,7 +171,7 @@ def _ablation_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
     thawed = read_result_file(results / FOLDER / "ledger.json").row(method="no-aggregation-thawed")
     remarks = {
         "no-aggregation": "Without it only the encoder's first stage is left, which is frozen in "
-        f"this preset; where it learns, too, the error is {rmse_cm(thawed)} cm.",
+        f"this preset; where it learns, too, the error is {rmse_cm(thawed)} cm."
     }
     theirs = {row: 100 * numbers[0] for row, numbers in paper["ablation"].items()}
     within = {row: numbers[3] for row, numbers in paper["ablation"].items()}  # delta 1.05, %

@@ -26,10 +26,7 @@ TIGHT = {"w_pad": 0.015, "h_pad": 0.015, "hspace": 0.0, "wspace": 0.0}
 
 
 def contact_sheet(
-    pictures: Sequence[npt.NDArray[np.uint8]],
-    titles: Sequence[str] | None = None,
-    *,
-    columns: int,
+    pictures: Sequence[npt.NDArray[np.uint8]], titles: Sequence[str] | None = None, *, columns: int
 ) -> Figure:
     """Lay pictures of one size out in a grid; an empty title leaves no word."""
     if not pictures:

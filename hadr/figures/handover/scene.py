@@ -207,12 +207,7 @@ def _show_moment(ax: Any, film: HandFilm, carried: Sequence[Carried], at: int) -
 
 
 def show_errors(
-    ax: Axes,
-    film: HandFilm,
-    carried: Sequence[Carried],
-    *,
-    limit_mm: float,
-    at: int | None = None,
+    ax: Axes, film: HandFilm, carried: Sequence[Carried], *, limit_mm: float, at: int | None = None
 ) -> None:
     """Draw how far off each gripper is over time; what is still to come stays pale."""
     reached = len(film.times) - 1 if at is None else at

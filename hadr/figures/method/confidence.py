@@ -11,10 +11,7 @@ from hadr.figures.panels import COLORS, bare_axes
 
 
 def draw_reliability(
-    ax: Axes,
-    said: Sequence[float | None],
-    true: Sequence[float | None],
-    count: Sequence[int],
+    ax: Axes, said: Sequence[float | None], true: Sequence[float | None], count: Sequence[int]
 ) -> None:
     """Draw the share of right pixels over each bin's mean confidence; a dot's size is its count."""
     number = np.asarray(count, dtype=float)
@@ -33,10 +30,7 @@ def draw_reliability(
 
 
 def draw_sparsification(
-    ax: Axes,
-    dropped: Sequence[float],
-    rmse_m: Sequence[float],
-    oracle_rmse_m: Sequence[float],
+    ax: Axes, dropped: Sequence[float], rmse_m: Sequence[float], oracle_rmse_m: Sequence[float]
 ) -> None:
     """Draw the error of what is kept over the share that is dropped, beside chance and oracle."""
     share = 100 * np.asarray(dropped)
@@ -67,11 +61,7 @@ def draw_sparsification(
 
 
 def show_confidence(
-    ax: Axes,
-    confidence: FloatArray,
-    restored: BoolArray,
-    title: str,
-    limits: tuple[float, float],
+    ax: Axes, confidence: FloatArray, restored: BoolArray, title: str, limits: tuple[float, float]
 ) -> AxesImage:
     """Show the confidence of the restored pixels; the others stay white."""
     shown = np.ma.masked_where(~restored, confidence)

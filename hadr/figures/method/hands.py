@@ -99,10 +99,7 @@ def frame_hand_axes(ax: Axes, title: str | None = None) -> None:
 
 
 def draw_depth_hint(
-    axes: Sequence[Axes],
-    glass_m: npt.ArrayLike,
-    hand_m: npt.ArrayLike,
-    background_m: npt.ArrayLike,
+    axes: Sequence[Axes], glass_m: npt.ArrayLike, hand_m: npt.ArrayLike, background_m: npt.ArrayLike
 ) -> None:
     """Hold the depth (N,) of each frame's glass against those of hand and background, metres.
 

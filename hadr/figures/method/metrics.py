@@ -22,9 +22,7 @@ _THRESHOLD_COLORS = {1.05: COLORS["hadr"], 1.10: COLORS["robot"], 1.25: COLORS["
 
 
 def draw_scored_errors(
-    axes: Sequence[Axes],
-    errors: Mapping[str, FloatArray],
-    scores: Mapping[str, DepthMetrics],
+    axes: Sequence[Axes], errors: Mapping[str, FloatArray], scores: Mapping[str, DepthMetrics]
 ) -> None:
     """Draw error maps (H, W) side by side with RMSE and MAE below each, and one colour bar."""
     for ax, (name, error) in zip(axes, errors.items(), strict=True):

@@ -36,11 +36,7 @@ def glass_section(item: GlassObject) -> list[Array]:
 
 
 def draw_objects(
-    items: Sequence[GlassObject],
-    notes: Mapping[str, str],
-    *,
-    columns: int = 4,
-    pixels: int = 260,
+    items: Sequence[GlassObject], notes: Mapping[str, str], *, columns: int = 4, pixels: int = 260
 ) -> Figure:
     """Draw objects at one scale, each beside its section."""
     rows = [items[k : k + columns] for k in range(0, len(items), columns)]

@@ -68,11 +68,7 @@ def studio_view(
 
 
 def studio_picture(
-    scene: HandOnGlass,
-    view: StudioView | None = None,
-    *,
-    pixels: int,
-    paper: bool = True,
+    scene: HandOnGlass, view: StudioView | None = None, *, pixels: int, paper: bool = True
 ) -> npt.NDArray[np.uint8]:
     """Draw hand and glass, either perhaps without faces, as the turntable shows them.
 
