@@ -11,14 +11,9 @@ from matplotlib.figure import Figure
 
 from hadr.camera import Array, FloatArray
 from hadr.data.frame import Frame
-from hadr.figures.panels import (
-    COLORS,
-    show_color,
-    show_depth,
-    show_error,
-    show_keypoints,
-    show_mask,
-)
+from hadr.figures import panels
+from hadr.figures.panels import COLORS, show_color
+from hadr.figures.rows import name_rows
 from hadr.synthesis.generation.statistics import FrameStatistics
 
 TIGHT = {"w_pad": 0.015, "h_pad": 0.015, "hspace": 0.0, "wspace": 0.0}
@@ -59,26 +54,24 @@ def draw_labels(frame: Frame, normals: FloatArray) -> Figure:
     fig.set_layout_engine("constrained", **TIGHT)
     show_color(axes[0, 0], frame.color, "colour")
     show_color(axes[0, 1], frame.color, "21 keypoints")
-    show_keypoints(axes[0, 1], frame.keypoints_uv, size=5)
+    panels.show_keypoints(axes[0, 1], frame.keypoints_uv, size=5)
     show_color(axes[0, 2], frame.color // 2, "object mask, hand mask")
-    show_mask(axes[0, 2], frame.object_mask, COLORS["glass"], 0.8)
-    show_mask(axes[0, 2], frame.hand_mask, COLORS["hand"], 0.7)
+    panels.show_mask(axes[0, 2], frame.object_mask, COLORS["glass"], 0.8)
+    panels.show_mask(axes[0, 2], frame.hand_mask, COLORS["hand"], 0.7)
     held = frame.depth[frame.object_mask | frame.hand_mask]
     limits = {"vmin": float(held.min()), "vmax": float(np.percentile(held, 99)) + 0.15}
     titles = ("true depth", "depth without the glass", "sensor depth (stereo)")
-    for ax, depth, title in zip(
-        axes[1], (frame.depth, frame.background_depth, frame.raw_depth), titles, strict=True
-    ):
-        image = show_depth(ax, depth, title, colorbar=False, **limits)
+    depths = (frame.depth, frame.background_depth, frame.raw_depth)
+    for ax, depth, title in zip(axes[1], depths, titles, strict=True):
+        image = panels.show_depth(ax, depth, title, colorbar=False, **limits)
     fig.colorbar(image, ax=axes[1].tolist(), shrink=0.9, pad=0.01, label="depth (m)", extend="max")
     error = np.where(frame.raw_depth > 0, frame.raw_depth - frame.depth, np.nan)
     show_color(axes[2, 0], normal_colors(normals), "normals")
     behind = np.where(frame.object_mask, frame.background_depth - frame.depth, np.nan)
-    show_error(axes[2, 1], behind, "without the glass minus true", limit=0.3, colorbar=False)
-    image = show_error(axes[2, 2], error, "sensor minus true", limit=0.3, colorbar=False)
-    fig.colorbar(
-        image, ax=axes[2].tolist(), shrink=0.9, pad=0.01, label="difference (cm)", extend="both"
-    )
+    panels.show_error(axes[2, 1], behind, "without the glass minus true", limit=0.3, colorbar=False)
+    image = panels.show_error(axes[2, 2], error, "sensor minus true", limit=0.3, colorbar=False)
+    bar = fig.colorbar(image, ax=axes[2].tolist(), shrink=0.9, pad=0.01, extend="both")
+    bar.set_label("difference (cm)")
     return fig
 
 
@@ -101,19 +94,17 @@ def normals_from_depth(depth_points: FloatArray) -> Array:
 def draw_statistics(statistics: FrameStatistics) -> Figure:
     """Draw six histograms of a data set's frames."""
     s = statistics
+    shown = (
+        (s.distance_m, "hand's distance (m)", "hand", 97),
+        (100 * s.glass_share, "glass in the picture (%)", "glass", 97),
+        (100 * s.visible_share, "of the glass is visible (%)", "glass", 97),
+        (100 * s.missing_share, "sensor depth missing on glass (%)", "raw", 97),
+        (100 * s.bias_m, "sensor depth behind the glass (cm)", "raw", 90),
+        (1000 * s.hand_error_m, "sensor depth off on the hand (mm)", "hand", 97),
+    )
     fig: Figure
     fig, axes = plt.subplots(2, 3, figsize=(9, 5.04))
-    for ax, values, label, color, upper in zip(
-        axes.flat,
-        (s.distance_m, 100 * s.glass_share, 100 * s.visible_share,
-         100 * s.missing_share, 100 * s.bias_m, 1000 * s.hand_error_m),
-        ("hand's distance (m)", "glass in the picture (%)", "of the glass is visible (%)",
-         "sensor depth missing on glass (%)", "sensor depth behind the glass (cm)",
-         "sensor depth off on the hand (mm)"),
-        ("hand", "glass", "glass", "raw", "raw", "hand"),
-        (97, 97, 97, 97, 90, 97),
-        strict=True,
-    ):  # fmt: skip
+    for ax, (values, label, color, upper) in zip(axes.flat, shown, strict=True):
         ax.set_xlabel(label)
         _histogram(ax, values, COLORS[color], upper)
     for ax in axes[:, 0]:
@@ -157,7 +148,7 @@ def draw_angles(angles: FloatArray, limits: FloatArray, names: Sequence[str]) ->
     quartiles = np.percentile(degrees, (25, 50, 75), axis=0)
     ax.hlines(rows, quartiles[0], quartiles[2], color="black", lw=2.2)
     ax.plot(quartiles[1], rows, "o", color="white", mec="black", ms=4)
-    ax.set(yticks=rows, yticklabels=[name.replace("_", " ") for name in names])
-    ax.set(xlabel="angle (degrees)", ylim=(count - 0.4, -0.6))
+    name_rows(ax, [name.replace("_", " ") for name in names])
+    ax.set(xlabel="angle (degrees)")
     ax.tick_params(axis="y", labelsize=8.5)
     return fig

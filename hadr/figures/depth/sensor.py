@@ -72,15 +72,12 @@ def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
     ]
     lines = []
     for key, title, factor, unit in SENSOR_ROWS:
-        found = (factor * _values(columns[name]["each"], key) for name in groups)
-        cells = (
-            f"{np.median(v):.1f} ({v.min():.1f} to {v.max():.1f}"
-            + (")" if v.size == columns[name]["frames"] else f"; {v.size} frames)")
-            if v.size
-            else "-"
-            for name, v in zip(groups, found, strict=True)
-        )
-        lines.append([f"{title}, {unit}", *cells])
+        lines.append([f"{title}, {unit}"])
+        for name in groups:
+            v = factor * _values(columns[name]["each"], key)
+            few = f"; {v.size} frames" * (v.size != columns[name]["frames"])
+            span = f"({v.min():.1f} to {v.max():.1f}{few})" if v.size else ""
+            lines[-1].append(f"{np.median(v):.1f} {span}" if span else "-")
     return markdown(pd.DataFrame(lines, columns=["", *heads]))
 
 
@@ -89,14 +86,8 @@ def see_through_picture(frame: Frame, missing: float, background: float, seed: i
     if frame.background_depth is None:
         raise ValueError(f"frame {frame.stem} lacks the depth without the glass")
     truth, mask = frame.depth, frame.object_mask
-    seen = see_through(
-        truth,
-        frame.background_depth,
-        mask,
-        np.random.default_rng(seed),
-        missing_share=missing,
-        background_share=(1 - missing) * background,
-    )
+    shares = {"missing_share": missing, "background_share": (1 - missing) * background}
+    seen = see_through(truth, frame.background_depth, mask, np.random.default_rng(seed), **shares)
     found = corruption_statistics(seen, truth, mask)
     window = window_around(mask, 14)
     near = float(truth[mask].min()) - 0.03

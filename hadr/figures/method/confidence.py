@@ -40,15 +40,10 @@ def draw_sparsification(
     ax.plot(share, best, color=COLORS["truth"], lw=1.2, ls="--")
     tenth = int(np.argmin(np.abs(share - 10)))
     ax.scatter(share[tenth], found[tenth], s=70, color=COLORS["hadr"], zorder=4)
-    ax.annotate(
-        f"{found[tenth]:.1f} cm without\nthe least sure tenth",
-        (share[tenth], found[tenth]),
-        xytext=(0.5, 0.62),
-        textcoords="axes fraction",
-        fontsize=9,
-        va="center",
-        arrowprops={"arrowstyle": "-", "color": COLORS["raw"], "lw": 0.8, "shrinkB": 5},
-    )
+    words = f"{found[tenth]:.1f} cm without\nthe least sure tenth"
+    line = {"arrowstyle": "-", "color": COLORS["raw"], "lw": 0.8, "shrinkB": 5}
+    ax.annotate(words, (share[tenth], found[tenth]), xytext=(0.5, 0.62), va="center", fontsize=9,
+                textcoords="axes fraction", arrowprops=line)  # fmt: skip
     last = share[-1]
     ax.text(last, found[0], "by chance", ha="right", va="bottom", color=COLORS["raw"])
     ax.text(share[len(share) // 2], best[len(best) // 2], " oracle", va="bottom")

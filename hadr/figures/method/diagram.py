@@ -216,15 +216,8 @@ def _draw_pairs(sheet: Sheet, e: _Example) -> None:
     for k, (pair, place) in enumerate(zip(e.pairs, places, strict=True)):
         _square(ax, place, size, fc=VOXEL, ec="none", alpha=0.5 if pair == e.chosen else 0.2)
         _square(ax, place, size, fc="none", ec=VOXEL, lw=1.6)
-        ax.text(
-            place[0] + 0.02 - size / 2,
-            place[1] - 0.02 + size / 2,
-            f"{k + 1}",
-            fontsize=FONT,
-            weight="bold",
-            va="top",
-            color=PURPLE,
-        )
+        left_top = place + np.array([0.02, -0.02]) + np.array([-size, size]) / 2
+        ax.text(*left_top, f"{k + 1}", fontsize=FONT, weight="bold", va="top", color=PURPLE)
     point = e.output.points[e.ray].numpy()
     ax.plot(*np.stack([np.zeros(2), _side(point / point[2] * 2.3)]).T, color=RAY, lw=1.8)
     ax.plot(0, 0, marker=">", ms=11, color=INK)

@@ -15,6 +15,7 @@ from hadr.figures.tables.results import (
     markdown,
     ordered,
     rmse_cm,
+    scores,
     system_color,
     system_marker,
 )
@@ -141,17 +142,10 @@ def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
     lines = []
     for row in rows:
         theirs = published["ablation"][PUBLISHED_NAMES[row["method"]]]
-        lines.append(
-            [
-                NAMES[row["method"]],
-                *(f"{100 * value:.1f}" for value in (theirs[0], theirs[2])),
-                f"{theirs[3]:.2f}",
-                f"{100 * row['rmse_m']:.2f}",
-                difference_cell(row["against_full"]),
-                f"{100 * row['mae_m']:.2f}",
-                f"{row['delta_105']:.2f}",
-            ]
-        )
+        printed = [f"{100 * theirs[0]:.1f}", f"{100 * theirs[2]:.1f}", f"{theirs[3]:.2f}"]
+        rmse, *others = scores(row)
+        gap = difference_cell(row["against_full"])
+        lines.append([NAMES[row["method"]], *printed, rmse, gap, *others])
     return markdown(pd.DataFrame(lines, columns=head), best=[range(len(lines))])
 
 
@@ -182,7 +176,7 @@ def averages_table(rows: Sequence[Row]) -> str:
         "minus the hand's median (cm)",
     ]  # fmt: skip
     lines = []
-    for row in [r for split in ("known", "unknown") for r in ordered(rows, split)]:
+    for row in ordered(rows, "known", "unknown"):
         pair = row.get("against_hand_median")
         if "parameters" not in row or pair is None:
             continue
@@ -198,7 +192,7 @@ def poses_table(rows: Sequence[Row]) -> str:
         "rank correlation",
     ]  # fmt: skip
     lines = []
-    for row in [r for split in ("known", "unknown") for r in ordered(rows, split)]:
+    for row in ordered(rows, "known", "unknown"):
         near, _, far = row["by_pose"]
         both = (f"{100 * part['rmse_m']:.2f}" for part in (near, far))
         name = NAMES[row["method"]]

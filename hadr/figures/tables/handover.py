@@ -69,13 +69,9 @@ WORSE: dict[str, tuple[str, float | None]] = {
 TIME_LIMIT = 13.0
 """HandoverSim's, seconds."""
 _KIND_STYLE = (
-    ("hand", ""),
-    ("baseline", "//"),
-    ("voxel", "\\\\"),
-    ("raw", ".."),
-    ("glass", "xx"),
+    ("hand", ""), ("baseline", "//"), ("voxel", "\\\\"), ("raw", ".."), ("glass", "xx"),
     ("highlight", "--"),
-)
+)  # fmt: skip
 
 
 def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]) -> str:
@@ -106,14 +102,11 @@ def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]
 def motions_table(rows: Sequence[Row]) -> str:
     """List each condition's successes in percent by the motion of the hand, the best in bold."""
     kinds, rows = list(rows[0]["by_motion"]), _ordered(rows)
-    lines = [
-        [CONDITIONS[row["condition"]]]
-        + [
-            f"{100 * won / tried:.0f} ({won}/{tried})"
-            for won, tried in map(row["by_motion"].get, kinds)
-        ]
-        for row in rows
-    ]
+    lines = []
+    for row in rows:
+        counts = (row["by_motion"][kind] for kind in kinds)
+        cells = (f"{100 * won / tried:.0f} ({won}/{tried})" for won, tried in counts)
+        lines.append([CONDITIONS[row["condition"]], *cells])
     headings = ["condition", *(f"{kind} (successes)" for kind in kinds)]
     table = markdown(pd.DataFrame(lines, columns=headings), best=[_imperfect(rows)])
     return table.replace(" (successes)", "")  # what is best is known by it; a page is narrow
@@ -138,28 +131,24 @@ def beliefs_table(rows: Sequence[Row]) -> str:
         ends = (means["success"], means["failure"])
         return " / ".join("-" if mean is None else f"{factor * mean:.0f}" for mean in ends)
 
+    parts = {
+        "points right (%)": ("points_right", 100),
+        "right at the grasp (%)": ("points_right_at_grasp", 100),
+        "grasp off the glass (mm)": ("grasp_off", 1000),
+    }
     lines = [
-        [
-            CONDITIONS[row["condition"]],
-            both(row["points_right"], 100),
-            both(row["points_right_at_grasp"], 100),
-            both(row["grasp_off"], 1000),
-        ]
+        [CONDITIONS[row["condition"]], *(both(row[name], by) for name, by in parts.values())]
         for row in rows
     ]
-    head = ["condition", "points right (%)", "right at the grasp (%)", "grasp off the glass (mm)"]
-    return markdown(pd.DataFrame(lines, columns=head))
+    return markdown(pd.DataFrame(lines, columns=["condition", *parts]))
 
 
 def touches_table(rows: Sequence[Row]) -> str:
     """List how often the robot touched the hand, and its largest forces, newtons, by stage."""
 
     def largest(row: Row, way: str) -> str:
-        forces = [
-            (force, name.removeprefix(f"{way}, "))
-            for name, force in row["largest_forces_n"].items()
-            if name.startswith(way)
-        ]
+        named = row["largest_forces_n"].items()
+        forces = [(n, what.removeprefix(f"{way}, ")) for what, n in named if what.startswith(way)]
         return "{:.1f}, {}".format(*max(forces)) if forces else "none"
 
     lines = [
@@ -334,11 +323,8 @@ def draw_degradation(ax: Axes, rows: Sequence[Row], key: str) -> None:
     xlabel, standard = WORSE[key]
     usual = {name: value for name, (_, value) in WORSE.items() if name != key}
     usual |= {"restless": False, "time_limit": TIME_LIMIT}
-    rows = [
-        row
-        for row in rows
-        if row.get(key) is not None and all(row.get(name) == usual[name] for name in usual)
-    ]
+    rows = [row for row in rows if row.get(key) is not None]
+    rows = [row for row in rows if all(row.get(name) == usual[name] for name in usual)]
     conditions = list(dict.fromkeys(row["condition"] for row in _ordered(rows)))
     values = sorted({float(row[key]) for row in rows})
     gap = min(np.diff(values), default=1.0) * 0.05

@@ -87,11 +87,11 @@ def system_color(method: str) -> str:
     return COLORS[_SIGN.get(method, _OTHER)[0]]
 
 
-def ordered(rows: Sequence[Row], split: str) -> list[Row]:
-    """Give the rows of a split in the order of `NAMES`."""
+def ordered(rows: Sequence[Row], *splits: str) -> list[Row]:
+    """Give the rows of one split after the other, each in the order of `NAMES`."""
     place = {name: number for number, name in enumerate(NAMES)}
-    chosen = [row for row in rows if row["split"] == split]
-    return sorted(chosen, key=lambda row: place.get(row["method"], len(place)))
+    listed = sorted(rows, key=lambda row: place.get(row["method"], len(place)))
+    return [row for split in splits for row in listed if row["split"] == split]
 
 
 def difference_cell(pair: Mapping[str, Any] | None) -> str:
@@ -138,7 +138,7 @@ def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]
         pair = [found.get((split, method)) for split in ("known", "unknown")]
         if pair == [None, None]:
             continue
-        cells = [cell for row in pair for cell in _scores(row)]
+        cells = [cell for row in pair for cell in scores(row)]
         trained = next((row for row in pair if row and row.get("training_s")), None)
         size = f"{trained['parameters'] / 1e6:.1f}" if trained else "-"
         minutes = f"{trained['training_s'] / 60:.0f}" if trained else "-"
@@ -151,7 +151,8 @@ def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]
     return markdown(pd.DataFrame(lines, columns=head), best=[range(len(lines) - 1)])
 
 
-def _scores(row: Row | None) -> list[str]:
+def scores(row: Row | None) -> list[str]:
+    """RMSE, MAE and the tightest share of a row, as tables print them."""
     if row is None:
         return ["-"] * 3
     return [METRICS[name].text(row[name]) for name in ("rmse_m", "mae_m", "delta_105")]
@@ -182,9 +183,8 @@ def parts_table(rows: Sequence[Row]) -> str:
         "tilt_m": "shape alone (cm)",
     }
     lines = [
-        [split, NAMES[row["method"]], *(f"{100 * row[part]:.2f}" for part in parts)]
-        for split in ("known", "unknown")
-        for row in ordered(rows, split)
+        [row["split"], NAMES[row["method"]], *(f"{100 * row[part]:.2f}" for part in parts)]
+        for row in ordered(rows, "known", "unknown")
     ]
     head = ["objects", "method", *parts.values()]
     return markdown(pd.DataFrame(lines, columns=head), "llr")
