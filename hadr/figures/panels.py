@@ -61,29 +61,17 @@ def use_style() -> None:
     """
     if (shell := get_ipython()) is not None and hasattr(shell, "kernel"):
         set_matplotlib_formats("retina")  # type: ignore[no-untyped-call]
-    mpl.rcParams.update(
-        {
-            "figure.figsize": (8.0, 3.6),
-            "figure.dpi": 110,
-            "savefig.dpi": 110,
-            "figure.constrained_layout.use": True,
-            "font.size": 10.5,
-            "axes.titlesize": 11,
-            "axes.labelsize": 10.5,
-            "xtick.labelsize": 9.5,
-            "ytick.labelsize": 9.5,
-            "legend.fontsize": 9.5,
-            "legend.frameon": False,
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "axes.grid": False,
-            "lines.linewidth": 1.8,
-            "image.interpolation": "nearest",
-            "axes.prop_cycle": cycler(
-                color=[COLORS[k] for k in ("hadr", "hand", "robot", "baseline", "voxel", "glass")]
-            ),
-        }
-    )
+    lines = [COLORS[k] for k in ("hadr", "hand", "robot", "baseline", "voxel", "glass")]
+    mpl.rc("figure", figsize=(8.0, 3.6), dpi=110)
+    mpl.rc("figure.constrained_layout", use=True)
+    mpl.rc("savefig", dpi=110)
+    mpl.rc("font", size=10.5)
+    mpl.rc("axes", titlesize=11, labelsize=10.5, grid=False, prop_cycle=cycler(color=lines))
+    mpl.rc("axes.spines", top=False, right=False)
+    mpl.rc(("xtick", "ytick"), labelsize=9.5)
+    mpl.rc("legend", fontsize=9.5, frameon=False)
+    mpl.rc("lines", linewidth=1.8)
+    mpl.rc("image", interpolation="nearest")
 
 
 def bare_axes(ax: Axes, title: str | None = None) -> None:

@@ -46,18 +46,14 @@ class Sheet:
 
     def card(self, box: Box, fill: str = PAPER, edge: str = EDGE, lw: float = 1.0) -> None:
         """Draw a box with round corners."""
-        left, bottom, width, height = box
         style = "round,pad=0,rounding_size=0.1"
-        patch = FancyBboxPatch((left, bottom), width, height, boxstyle=style, fc=fill, ec=edge)
-        patch.set_linewidth(lw)
-        self.page.add_patch(patch)
+        look: dict[str, Any] = {"boxstyle": style, "fc": fill, "ec": edge, "lw": lw}
+        self.page.add_patch(FancyBboxPatch(box[:2], *box[2:], **look))
 
     def arrow(self, *places: tuple[float, float]) -> None:
         """Draw an arrow along a line of two places or more."""
-        way = Path(list(places))
-        head = "-|>,head_width=4,head_length=7"
-        patch = FancyArrowPatch(path=way, arrowstyle=head, lw=2.2, color=INK)
-        self.page.add_patch(patch)
+        way, head = Path(list(places)), "-|>,head_width=4,head_length=7"
+        self.page.add_patch(FancyArrowPatch(path=way, arrowstyle=head, lw=2.2, color=INK))
 
     def dim_all_but(self, boxes: Sequence[Box]) -> None:
         """Lay a veil over the sheet that leaves some boxes free."""

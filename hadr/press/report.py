@@ -26,16 +26,12 @@ _EFFECTS = (
     (1, "loss weights as coded", "ledger", "coded-weights"),
     (4, "probability clamped", "ledger", "clamped-probability"),
     (7, "wrist frame without rotation", "ledger", "wrist-translation"),
-    (
-        8,
-        "simulated sensor around the glass, in it no depth as before",
-        "segmentation",
-        "simulated sensor",
-    ),
+    (8, "simulated sensor around the glass, in it no depth as before", "segmentation",
+     "simulated sensor"),
     (9, "predicted keypoints", "keypoints", "predicted keypoints"),
     (14, "split by frame instead of by hold", "ledger", "split by frame"),
     (15, "metrics pooled over all pixels", "ledger", None),
-)
+)  # fmt: skip
 """The ledger's rows that were measured: number, the change, the result file, and its row there."""
 
 
@@ -210,11 +206,7 @@ def speed_table(path: str | Path) -> str:
             "memory (MiB)": "-" if memory is None else f"{memory / 2**20:.0f}",
             "weights (M)": f"{row['parameters'] / 1e6:.2f}",
         })  # fmt: skip
-    presets = [row["preset"] for row in rows]
-    best = [
-        [k for k, preset in enumerate(presets) if preset == size]
-        for size in dict.fromkeys(filter(None, presets))
-    ]
+    best = pd.DataFrame(rows).groupby("preset").indices.values()  # of those that have a preset
     return markdown(pd.DataFrame(lines), "llr", best)
 
 

@@ -97,13 +97,8 @@ def draw_choices(
         below.imshow(picture, interpolation="antialiased")
         bare_axes(below)
         below.set_xlabel(words)
-    fig.legend(
-        *axes[0, 0].get_legend_handles_labels(),
-        loc="outside lower center",
-        ncols=5,
-        markerscale=1.5,
-        fontsize=9,
-    )
+    drawn = axes[0, 0].get_legend_handles_labels()
+    fig.legend(*drawn, loc="outside lower center", ncols=5, markerscale=1.5, fontsize=9)
     return fig
 
 

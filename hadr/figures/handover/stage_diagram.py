@@ -47,10 +47,9 @@ def stage_diagram() -> Sheet:
     """
     changes = {(a, b): words for a, after in CHANGES.items() for b, words in after.items()}
     if changes.keys() != WAYS.keys() | IN_FRAME:
-        other = sorted(
-            f"{a.value} -> {b.value}" for a, b in changes.keys() ^ (WAYS.keys() | IN_FRAME)
-        )
-        raise ValueError(f"the table and the drawing differ in {', '.join(other)}")
+        other = changes.keys() ^ (WAYS.keys() | IN_FRAME)
+        words = sorted(f"{a.value} -> {b.value}" for a, b in other)
+        raise ValueError(f"the table and the drawing differ in {', '.join(words)}")
     sheet = Sheet(11.4, 4.75)
     sheet.card(THREE)
     sheet.write(6.55, 4.45, "the paper's three stages", ha="center", style="italic")

@@ -31,6 +31,7 @@ FOREARM_SHOWN = 0.13
 _MOST_VERTICES = 65535
 # z up, from OpenCV's camera frame.
 _UP_FROM_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+_NOTHING = Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)))
 # object_from_wrist of a hand without an object: z along the fingers, y into the back of the hand.
 _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
@@ -119,7 +120,7 @@ def bare_hand(skeleton: Skeleton, shape: HandShape) -> HandOnGlass:
     joints = skeleton.joints @ _UPRIGHT[:3, :3].T
     fade = _fade(shape, np.linalg.inv(_UPRIGHT))
     shown = hand.moved(_UPRIGHT)
-    return HandOnGlass(note, note, _nothing(), shown, colors, joints, -90.0, 0.0, fade)
+    return HandOnGlass(note, note, _NOTHING, shown, colors, joints, -90.0, 0.0, fade)
 
 
 def _fade(shape: HandShape, wrist_from_object: npt.NDArray[Any]) -> Array:
@@ -134,11 +135,7 @@ def bare_glass(item: GlassObject) -> HandOnGlass:
     colors = np.zeros((0, 3), dtype=np.uint8)
     joints = np.zeros((len(SKELETON_NAMES), 3))
     glass = merged(bodies(item))
-    return HandOnGlass(item.name, item.object_id, glass, _nothing(), colors, joints, -75.0, 12.0)
-
-
-def _nothing() -> Surface:
-    return Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)))
+    return HandOnGlass(item.name, item.object_id, glass, _NOTHING, colors, joints, -75.0, 12.0)
 
 
 def _hand_shown(

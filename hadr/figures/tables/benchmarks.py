@@ -18,7 +18,11 @@ def by_heart_table(rows: Sequence[Row]) -> str:
     """List what each network reaches on four frames that it learns by heart."""
     lines = []
     for row in rows:
-        value, goal = (_by_heart(row["counts"], row[key]) for key in ("reached", "goal"))
+        metres = row["counts"].endswith("_m")
+        value, goal = (
+            f"{1000 * number:.1f} mm" if metres else f"{1 - number:.3f} IoU"
+            for number in (row["reached"], row["goal"])
+        )  # fmt: skip
         verdict = "yes" if row["is_reached"] else "**no**"
         steps = str(row["steps"] + row.get("frozen_steps", 0))
         lines.append([row["network"], steps, value, goal, verdict, _within_reach(row)])
@@ -31,20 +35,12 @@ def _within_reach(row: Row) -> str:
     if row["is_reached"]:
         return ""
     if "mae_where_true_voxel_m" in row:
-        share = 100 * row["share_with_true_voxel"]
-        reached = 1000 * row["mae_where_true_voxel_m"]
-        return (
-            f"the true voxel of {100 - share:.1f} % of its rays is no candidate; "
-            f"on the others {reached:.2f} mm"
-        )
-    if "least_mae_of_its_grid_m" in row:
-        least = 1000 * row["least_mae_of_its_grid_m"]
-        return f"an image of a quarter of the size, enlarged: no less than {least:.1f} mm"
-    return ""
-
-
-def _by_heart(counts: str, value: float) -> str:
-    return f"{1000 * value:.1f} mm" if counts.endswith("_m") else f"{1 - value:.3f} IoU"
+        lost = 100 - 100 * row["share_with_true_voxel"]
+        rest = f"on the others {1000 * row['mae_where_true_voxel_m']:.2f} mm"
+        return f"the true voxel of {lost:.1f} % of its rays is no candidate; {rest}"
+    if (least := row.get("least_mae_of_its_grid_m")) is None:
+        return ""
+    return f"an image of a quarter of the size, enlarged: no less than {1000 * least:.1f} mm"
 
 
 def draw_ablation(ax: Axes, rows: Sequence[Row]) -> None:
@@ -91,15 +87,11 @@ def draw_frame_costs(ax: Axes, rows: Sequence[Row]) -> None:
 
     `rows` are those of `results/generation/benchmark.json`.
     """
-    names = [
-        "{engine}, {width}x{height} ({kilobytes_a_frame:.0f} kB)".format(**row) for row in rows
-    ]
-    parts = {
-        part: [row["cpu_seconds_by_part"][part] for row in rows]
-        for part in rows[0]["cpu_seconds_by_part"]
-    }
+    title = "{engine}, {width}x{height} ({kilobytes_a_frame:.0f} kB)"
+    seconds = [row["cpu_seconds_by_part"] for row in rows]
+    parts = {part: [of[part] for of in seconds] for part in seconds[0]}
     colors = [COLORS[color] for color in _PART_COLORS]
-    draw_bar_rows(ax, names, parts, colors, edges="white")
+    draw_bar_rows(ax, [title.format(**row) for row in rows], parts, colors, edges="white")
     for place, row in enumerate(rows):
         whole = row["cpu_seconds_a_frame"]
         ax.text(whole + 0.15, place, f"{whole:.1f} s", va="center", fontsize=9)

@@ -71,7 +71,7 @@ def markdown(
     first column is that of the objects.
     """
     if best is None and table.columns[0] == "objects":
-        best = [np.flatnonzero(table["objects"] == split) for split in table["objects"].unique()]
+        best = table.groupby("objects").indices.values()
     table = best_in_bold(table, best or ())
     sides = [{"l": "left", "r": "right"}[side] for side in align.ljust(table.shape[1], align[-1])]
     return str(table.to_markdown(index=False, disable_numparse=True, colalign=sides))

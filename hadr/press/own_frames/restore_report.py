@@ -199,8 +199,8 @@ def told_hand(hand: Hand) -> dict[str, Any]:
     """Where a hand is from, whether it was accepted, and how it fits to the frame."""
     check = asdict(hand.check)
     problems = list(check.pop("problems"))
-    accepted = hand.accepted
-    return {"source": hand.source, "accepted": accepted, "problems": problems, "measured": check}
+    told = {"source": hand.source, "accepted": hand.accepted}
+    return {**told, "problems": problems, "measured": check}
 
 
 def confidence_means(result: Restoration) -> str:

@@ -2,14 +2,12 @@
 
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 from tqdm import tqdm
 
 from hadr.frame_io import read_color
@@ -64,7 +62,9 @@ def run_sequence(options: Options) -> int:
             first, why = next(iter(told.items()))
             raise ValueError(f"none of the {len(told)} frames is usable; {first}: {why['refused']}")
         film = folder / FILMS[find_spec("imageio_ffmpeg") is None]
-        write_film(film, _pictures(folder / name / "comparison.png" for name in done), RATE)
+        pictures = (read_color(folder / name / "comparison.png") for name in done)
+        even = (p[: len(p) // 2 * 2, : p.shape[1] // 2 * 2] for p in pictures)  # as films need them
+        write_film(film, even, RATE)
         record = {"command": "hadr restore", "film": film.name, "frames": told}
         seal_row(folder / RECORD, {**record, "outputs": single.outputs(folder)})
     if not options.quiet:
@@ -82,7 +82,7 @@ def run_sequence(options: Options) -> int:
 
 def sequence_frames(options: Options) -> dict[str, Options]:
     """The options of each frame, by the name that its files have in common, in their order."""
-    files: dict[str, dict[str, str]] = {}
+    files: dict[str, dict[str, Any]] = {}
     for option in _A_FRAME:
         given = getattr(options, option)
         if given is None or (option == "hand" and given == MEDIAPIPE):
@@ -92,8 +92,7 @@ def sequence_frames(options: Options) -> dict[str, Options]:
                 f"--rgb {options.rgb} is a folder, so --{option.replace('_', '-')} {given} must be "
                 "one, too"
             )
-        found: dict[str, str] = {}
-        files[option] = found
+        found = files[option] = {}
         for path in sorted(Path(given).iterdir()):
             if path.name.startswith(".") or path.name in _OF_SYSTEMS or path.is_dir():
                 continue
@@ -121,18 +120,10 @@ def sequence_frames(options: Options) -> dict[str, Options]:
                 f"{lacking[0]}, as {there} is ({len(lacking)} of {len(names)} lack one): the files "
                 "of a frame have one name"
             )
-    own: dict[str, dict[str, Any]] = {
-        name: {option: found[name] for option, found in files.items()} for name in names
+    return {
+        name: replace(options, **{option: found[name] for option, found in files.items()})
+        for name in names
     }
-    return {name: replace(options, **given) for name, given in own.items()}
-
-
-def _pictures(paths: Iterable[Path]) -> Iterator[npt.NDArray[np.uint8]]:
-    """Pictures without a last odd row or column, as a film needs them."""
-    for path in paths:
-        picture = read_color(path)
-        height, width = (length - length % 2 for length in picture.shape[:2])
-        yield picture[:height, :width]
 
 
 def _summary(told: dict[str, dict[str, Any]]) -> Iterator[str]:
