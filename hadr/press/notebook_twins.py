@@ -102,15 +102,13 @@ def twin_problems(notebooks: Path) -> list[str]:
     problems += [f"text/{stem}.md has no notebook {stem}.ipynb" for stem in texts.keys() - books]
     for stem in sorted(texts.keys() & books.keys()):
         generated = notebook_from_text(texts[stem].read_text(encoding="utf-8"))
-        if generated == books[stem].read_text(encoding="utf-8"):
-            back = notebook_from_text(text_from_notebook(generated))
-            if back != generated:
-                problems.append(f"{stem}: text -> notebook -> text does not come back the same")
-        else:
+        if generated != books[stem].read_text(encoding="utf-8"):
             problems.append(
                 f"{stem}: notebook and text differ; `make notebooks` takes the text, "
                 "`make texts` takes the notebook"
             )
+        elif generated != notebook_from_text(text_from_notebook(generated)):
+            problems.append(f"{stem}: text -> notebook -> text does not come back the same")
     return sorted(problems)
 
 
@@ -130,16 +128,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--notebooks", type=Path, default=Path("notebooks"), metavar="DIR")
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument("--check", action="store_true", help="compare only, write nothing")
-    mode.add_argument(
-        "--from-notebooks", action="store_true", help="write the texts from the notebooks"
-    )
+    help_text = "write the texts from the notebooks"
+    mode.add_argument("--from-notebooks", action="store_true", help=help_text)
     options = parser.parse_args(arguments)
     folder: Path = options.notebooks
+    if options.from_notebooks:
+        for source in sorted(folder.glob("*.ipynb")):
+            text = text_from_notebook(source.read_text(encoding="utf-8"))
+            _write_if_changed(folder / "text" / f"{source.stem}.md", text)
     if not options.check:
-        if options.from_notebooks:
-            for source in sorted(folder.glob("*.ipynb")):
-                text = text_from_notebook(source.read_text(encoding="utf-8"))
-                _write_if_changed(folder / "text" / f"{source.stem}.md", text)
         for source in sorted((folder / "text").glob("*.md")):
             content = notebook_from_text(source.read_text(encoding="utf-8"))
             _write_if_changed(folder / f"{source.stem}.ipynb", content)

@@ -26,13 +26,9 @@ DEPTH_STEP = 0.0005
 BOUNDS: tuple[float, ...] = (-0.01, 0.01, 0.05, 0.20)
 #: What can become of a pixel's depth: nothing is measured, or how far it lies behind the truth.
 KINDS: tuple[str, ...] = (
-    "missing",
-    "more than 1 cm in front",
-    "right to 1 cm",
-    "1 to 5 cm behind",
-    "5 to 20 cm behind",
+    "missing", "more than 1 cm in front", "right to 1 cm", "1 to 5 cm behind", "5 to 20 cm behind",
     "more than 20 cm behind",
-)
+)  # fmt: skip
 #: Where errors are counted.
 PLACES: tuple[str, ...] = ("in the glass", "at outlines", "elsewhere")
 

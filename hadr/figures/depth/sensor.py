@@ -66,10 +66,7 @@ def _values(each: Any, key: str) -> npt.NDArray[np.float64]:
 def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
     """The same numbers as a Markdown table: median, and lowest to highest frame."""
     groups = [name for name in _COLUMNS if name in columns]
-    heads = [
-        f"{_COLUMNS[name][0]}, {columns[name]['frames']} frames".replace("\n", " ")
-        for name in groups
-    ]
+    heads = [f"{_COLUMNS[name][0]}, {columns[name]['frames']} frames" for name in groups]
     lines = []
     for key, title, factor, unit in SENSOR_ROWS:
         lines.append([f"{title}, {unit}"])
@@ -78,7 +75,7 @@ def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
             few = f"; {v.size} frames" * (v.size != columns[name]["frames"])
             span = f"({v.min():.1f} to {v.max():.1f}{few})" if v.size else ""
             lines[-1].append(f"{np.median(v):.1f} {span}" if span else "-")
-    return markdown(pd.DataFrame(lines, columns=["", *heads]))
+    return markdown(pd.DataFrame(lines, columns=["", *(h.replace("\n", " ") for h in heads)]))
 
 
 def see_through_picture(frame: Frame, missing: float, background: float, seed: int) -> Figure:

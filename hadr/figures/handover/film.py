@@ -127,8 +127,6 @@ def stage_bands(
             at, align = ((left + right) / 2, "center")
             if over and right - left < 0.07 * length:
                 at, align = right, "right"
-            ax.text(
-                at, 1.02, stage.value.replace(" ", "\n", 1) if right - left < 0.14 * length
-                else stage.value, transform=ax.get_xaxis_transform(), ha=align, va="bottom",
-                color=STAGE_COLORS[stage], fontsize=9.5, fontweight="bold",
-            )  # fmt: skip
+            words = stage.value.replace(" ", "\n", 1 if right - left < 0.14 * length else 0)
+            ax.text(at, 1.02, words, transform=ax.get_xaxis_transform(), ha=align, va="bottom",
+                    color=STAGE_COLORS[stage], fontsize=9.5, fontweight="bold")  # fmt: skip

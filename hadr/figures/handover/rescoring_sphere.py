@@ -48,8 +48,7 @@ def favourite(score: Score) -> Array:
     lat, lon = np.meshgrid(latitude, np.linspace(-np.pi, np.pi, 361), indexing="ij")
     every = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
     every = every.reshape(-1, 3)
-    best: Array = every[int(np.argmax(score(every)))]
-    return best
+    return np.asarray(every[int(np.argmax(score(every)))])
 
 
 def score_colors(limit: float) -> tuple[Colormap, BoundaryNorm]:

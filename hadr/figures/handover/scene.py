@@ -176,8 +176,8 @@ class HandFilm:
 
     def off_mm(self, poses: Array) -> Array:
         """How far carried grippers are from where they belong, shape (t,), millimetres."""
-        off: Array = 1000 * np.linalg.norm(poses[:, :3, 3] - self.true_poses[:, :3, 3], axis=1)
-        return off
+        off = poses[:, :3, 3] - self.true_poses[:, :3, 3]
+        return np.asarray(1000 * np.linalg.norm(off, axis=1))
 
 
 def moment_picture(

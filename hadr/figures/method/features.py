@@ -25,8 +25,7 @@ def false_color(feature_map: Tensor) -> npt.NDArray[np.float32]:
     view = flat @ torch.linalg.svd(flat, full_matrices=False).Vh[:3].T  # (pixels, 3)
     low, high = view.quantile(0.02, dim=0), view.quantile(0.98, dim=0)
     scaled = ((view - low) / (high - low)).clamp(0, 1)
-    image: npt.NDArray[np.float32] = scaled.reshape(*feature_map.shape[1:], 3).numpy()
-    return image
+    return np.asarray(scaled.reshape(*feature_map.shape[1:], 3))
 
 
 def show_cells(ax: Axes, picture: npt.NDArray[Any], stride: int) -> None:

@@ -47,8 +47,7 @@ def upright_view(azimuth_deg: float, elevation_deg: float) -> Array:
 
 def on_screen(points: npt.ArrayLike, screen_from_frame: Array) -> Array:
     """Project points in metres, shape (..., 3), to the screen's centimetres, shape (..., 2)."""
-    projected: Array = 100.0 * np.asarray(points, dtype=float) @ screen_from_frame[:2].T
-    return projected
+    return np.asarray(100.0 * np.asarray(points, dtype=float) @ screen_from_frame[:2].T)
 
 
 def show_bones(

@@ -55,12 +55,10 @@ class Orbit:
 
     def labels(self, place: int) -> Labels:
         """Give the exact depth and masks of that picture."""
-        hand = self.scene.hand
-        plain = np.zeros((len(hand.vertices), 3))
-        hand_mesh = HandMesh(hand, plain, plain[:, 0])
-        caster = RayCaster(Contents(hand_mesh, (self.scene.glass,)))
+        hand, plain = self.scene.hand, np.zeros((len(self.scene.hand.vertices), 3))
+        contents = Contents(HandMesh(hand, plain, plain[:, 0]), (self.scene.glass,))
         pose: Array = np.linalg.inv(self.camera_from_object[place])
-        return caster.labels(self.camera, pose)
+        return RayCaster(contents).labels(self.camera, pose)
 
 
 def orbit(scene: HandOnGlass, turns_deg: npt.ArrayLike, *, pixels: int = 224) -> Orbit:
@@ -86,8 +84,7 @@ def point_on_glass(track: Orbit) -> Array:
     low, high = vertices[:, 2].min(), vertices[:, 2].max()
     upper = vertices[vertices[:, 2] >= low + 0.75 * (high - low)]
     pose = track.camera_from_object[len(track.turns_deg) // 2]
-    nearest: Array = upper[np.argmin(np.linalg.norm(transform_points(pose, upper), axis=1))]
-    return nearest
+    return np.asarray(upper[np.argmin(np.linalg.norm(transform_points(pose, upper), axis=1))])
 
 
 def orbit_features(track: Orbit, point: npt.ArrayLike, grid: VoxelGrid) -> dict[str, Array]:
@@ -110,8 +107,7 @@ def change_of(values: npt.ArrayLike, start: int) -> Array:
     rows = np.asarray(values, dtype=float)
     rows = rows.reshape(len(rows), 21, -1)
     size = np.linalg.norm(rows[start] - rows[start].mean(axis=0))
-    change: Array = np.linalg.norm(rows - rows[start], axis=(1, 2)) / size
-    return change
+    return np.asarray(np.linalg.norm(rows - rows[start], axis=(1, 2)) / size)
 
 
 def keypoints_seen(track: Orbit) -> npt.NDArray[np.int64]:

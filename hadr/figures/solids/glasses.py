@@ -41,11 +41,9 @@ def draw_objects(
     """Draw objects at one scale, each beside its section."""
     rows = [items[k : k + columns] for k in range(0, len(items), columns)]
     tall = [100 * max(item.height for item in row) + 5.0 for row in rows]
-    height = sum(9.0 / columns * t / _CELL_CM for t in tall) + 0.3 * len(rows)
+    size = (9.0, sum(9.0 / columns * t / _CELL_CM for t in tall) + 0.3 * len(rows))
     fig: Figure
-    fig, axes = plt.subplots(
-        len(rows), columns, figsize=(9.0, height), height_ratios=tall, squeeze=False
-    )
+    fig, axes = plt.subplots(len(rows), columns, figsize=size, height_ratios=tall, squeeze=False)
     fig.set_layout_engine("constrained", w_pad=0.03, h_pad=0.03, hspace=0.0, wspace=0.0)
     for row, line, top in zip(rows, axes, tall, strict=True):
         for ax in line[len(row) :]:

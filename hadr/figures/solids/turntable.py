@@ -126,8 +126,7 @@ def bare_hand(skeleton: Skeleton, shape: HandShape) -> HandOnGlass:
 def _fade(shape: HandShape, wrist_from_object: npt.NDArray[Any]) -> Array:
     """The forearm fades out over its last third; the plane is given in the object's frame."""
     slope = 1.0 / (0.35 * FOREARM_SHOWN * shape.scale)
-    fade: Array = slope * wrist_from_object[1] + [0.0, 0.0, 0.0, 1.0 / 0.35]
-    return fade
+    return np.asarray(slope * wrist_from_object[1] + [0.0, 0.0, 0.0, 1.0 / 0.35])
 
 
 def bare_glass(item: GlassObject) -> HandOnGlass:

@@ -156,12 +156,10 @@ def memory_table(rows: Sequence[Row]) -> str:
         "frame by frame: RMSE (cm)", "minus the hand's median (cm)",
     ]  # fmt: skip
     lines = []
+    by_frame = {row["method"]: row for row in rows if row["split"] == "by-frame"}
     for one in ordered(rows, "known"):
-        (other,) = (
-            row for row in rows if (row["method"], row["split"]) == (one["method"], "by-frame")
-        )
         cells = []
-        for row in (one, other):
+        for row in (one, by_frame[one["method"]]):
             itself = row["method"] == "hand-median"
             gap = difference_cell(None if itself else row["against_hand_median"])
             cells += [rmse_cm(row), gap]

@@ -144,11 +144,8 @@ def _executed(
 
 
 def _checksums(folder: Path) -> dict[str, str]:
-    return {
-        path.relative_to(folder).as_posix(): file_sha256(path)
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path != folder / MANIFEST
-    }
+    paths = sorted(p for p in folder.rglob("*") if p.is_file() and p != folder / MANIFEST)
+    return {path.relative_to(folder).as_posix(): file_sha256(path) for path in paths}
 
 
 def check_target(out: Path) -> None:

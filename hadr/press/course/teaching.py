@@ -118,10 +118,8 @@ def plans_text(chapters: Sequence[Chapter]) -> str:
                 words = f"{block.what} ({', '.join(map(str, block.chapters))})"
                 rows.append([str(number), str(block.minutes), words, done or "none"])
         head = ["session", "minutes", "what (chapter)", "exercises in class"]
-        parts.append(
-            f"### {plan.hours} hours\n\nAim: {plan.aim}.\n\n"
-            f"{markdown(pd.DataFrame(rows, columns=head), 'lrl')}"
-        )
+        table = markdown(pd.DataFrame(rows, columns=head), "lrl")
+        parts.append(f"### {plan.hours} hours\n\nAim: {plan.aim}.\n\n{table}")
     return "\n\n".join(parts)
 
 
