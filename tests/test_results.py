@@ -273,6 +273,12 @@ def test_what_chapter_9_says_of_the_rivals_is_so() -> None:
         assert abs(apart("known", method)) < 2 < apart("unknown", method) < 2.5
     for split in ("known", "unknown"):
         assert min(apart(split, m) for m in ("lidf", "tode")) > 2
+        for method in ("lidf", "swindrnet"):
+            seeds = rows[split, method]["by_seed"]["rmse_m"]
+            assert (len(seeds), max(seeds) - min(seeds) < 0.00075) == (3, True)
+        gap = rows[split, "lidf"]["against_next"]
+        assert gap["method"] == "hadr"
+        assert gap["mean_difference_m"] == pytest.approx(0.005, abs=0.0005)
         assert error[split, "tode"] > error[split, "hand-offset"] - 0.001
     grows = {m: error["unknown", m] / error["known", m] - 1 for m in ("hadr", "hadr-plus")}
     assert grows == {
