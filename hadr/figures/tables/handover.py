@@ -115,10 +115,10 @@ def motions_table(rows: Sequence[Row]) -> str:
 def incidents_table(rows: Sequence[Row]) -> str:
     """List what happened in attempts: of how many with it each condition's succeeded.
 
-    The commonest in the first row's attempts comes first.
+    The commonest in the first row's attempts comes first; of equals, by the alphabet.
     """
     counts = [dict(row["incidents"]) for row in rows]
-    names = sorted(set().union(*counts), key=lambda name: -counts[0].get(name, (0, 0))[1])
+    names = sorted(sorted(set().union(*counts)), key=lambda name: -counts[0].get(name, (0, 0))[1])
     lines = [[name, *("{} of {}".format(*of.get(name, (0, 0))) for of in counts)] for name in names]
     head = ["what happened", *(CONDITIONS[row["condition"]] for row in rows)]
     return markdown(pd.DataFrame(lines, columns=head))
