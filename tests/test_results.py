@@ -206,6 +206,13 @@ def test_errors_taken_apart_are_those_of_the_tables() -> None:
 def test_what_chapter_5_says_of_2d_keypoints_is_so() -> None:
     table = read_result_file(RESULTS / "mini" / "ablation.json")
     flat, none, full = (table.row(method=m) for m in ("hand-2d", "no-hand", "full"))
+    folder = RESULTS / "imagenet"
+    metres = read_result_file(folder / "ledger.json").row(method="hand-xy")["rmse_m"]
+    handless = read_result_file(folder / "ablation.json").row(method="no-hand")
+    for chapter in ("05_hand_features", "09_comparison"):
+        text = page_text(f"notebooks/text/{chapter}.md")
+        assert f"{100 * metres:.2f} cm" in text
+    assert abs(metres - handless["rmse_m"]) < handless["rmse_standard_error_m"]
     more = flat["rmse_m"] - none["rmse_m"]  # "even a little larger, within the standard errors"
     assert 0 < more < flat["rmse_standard_error_m"] + none["rmse_standard_error_m"]
     assert flat["rmse_m"] > full["rmse_m"] + 0.01
