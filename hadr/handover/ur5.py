@@ -5,10 +5,11 @@ mistake. Everything here is written in the Denavit-Hartenberg (DH) frames, `dh_b
 `BASE_LINK_FROM_DH_BASE` and `FLANGE_FROM_EE_LINK` lead to the names of the ROS description.
 """
 
+import math
 from itertools import product
 
+import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from hadr.camera import Array
 from hadr.handover.poses import check_pose
@@ -57,8 +58,8 @@ def link_transform(index: int, angle: float) -> Array:
 
     Rotate by the angle about z, shift d along z, shift a along x, twist by alpha.
     """
-    c, s = np.cos(angle), np.sin(angle)
-    ca, sa = np.cos(DH_ALPHA[index]), np.sin(DH_ALPHA[index])
+    c, s = math.cos(angle), math.sin(angle)
+    ca, sa = math.cos(DH_ALPHA[index]), math.sin(DH_ALPHA[index])
     a, d = DH_A[index], DH_D[index]
     return np.array(
         [
@@ -75,7 +76,7 @@ def joint_frames(joints: Array) -> Array:
     frames = [np.eye(4)]
     for index, angle in enumerate(check_joints(joints)):
         frames.append(frames[-1] @ link_transform(index, float(angle)))
-    return np.stack(frames)
+    return np.array(frames)
 
 
 def forward_kinematics(joints: Array) -> Array:
@@ -99,8 +100,10 @@ def singularity(joints: Array) -> float:
 
 def _jacobian(frames: Array) -> Array:
     """How the flange moves and turns by each of the six joints, (6, 6), of `joint_frames`."""
-    axes, origins = frames[:6, :3, 2], frames[:6, :3, 3]
-    return np.concatenate([np.cross(axes, frames[6, :3, 3] - origins), axes], axis=1)
+    axes, way = frames[:6, :3, 2], frames[6, :3, 3] - frames[:6, :3, 3]
+    on, back = [1, 2, 0], [2, 0, 1]  # several times as quick as np.cross
+    moved = axes[:, on] * way[:, back] - axes[:, back] * way[:, on]
+    return np.concatenate([moved, axes], axis=1)
 
 
 def joints_toward(joints: Array, motion: Array) -> Array:
@@ -112,7 +115,7 @@ def joints_toward(joints: Array, motion: Array) -> Array:
     frames = joint_frames(joints)
     goal = BASE_LINK_FROM_DH_BASE @ motion @ BASE_LINK_FROM_DH_BASE @ frames[6]
     for _ in range(3):
-        turn = Rotation.from_matrix(goal[:3, :3] @ frames[6, :3, :3].T).as_rotvec()
+        turn = cv2.Rodrigues(goal[:3, :3] @ frames[6, :3, :3].T)[0][:, 0]
         missing = np.concatenate([goal[:3, 3] - frames[6, :3, 3], turn])
         jacobian = _jacobian(frames)  # a row for each joint
         damped = jacobian.T @ jacobian + _DAMPING * np.eye(6)

@@ -177,11 +177,11 @@ def _gaps(poses: Array, boxes: Array, points: Array) -> Array:
     """
     turn = poses[:, :3, :3]
     own = np.einsum("nij,ni->nj", turn, poses[:, :3, 3])
-    local = points @ turn - own[:, None]  # (n, m, 3)
-    nearest = np.full(local.shape[:2], np.inf)
-    for i in range(boxes.shape[1]):
-        low, high = boxes[:, i, :1], boxes[:, i, 1:]
+    # x, y and z first: sum and maximum over three arrays, not over three numbers of each point
+    local = np.ascontiguousarray((points @ turn - own[:, None]).transpose(2, 0, 1))  # (3, n, m)
+    nearest = np.full(local.shape[1:], np.inf)
+    for low, high in boxes.transpose(1, 2, 3, 0)[..., None]:  # of each part (3, n, 1)
         beyond = np.maximum(low - local, local - high)
-        outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=2)
-        nearest = np.minimum(nearest, outside + np.minimum(beyond.max(axis=2), 0.0))
+        outside = np.sqrt(np.square(np.maximum(beyond, 0.0)).sum(axis=0))
+        nearest = np.minimum(nearest, outside + np.minimum(beyond.max(axis=0), 0.0))
     return nearest
