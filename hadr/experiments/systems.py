@@ -42,7 +42,7 @@ SEEING: Mapping[str, Mapping[str, Any]] = {
     "hand-xy": {"model": {"hand": "xy"}},
 }
 """What preset imagenet is without its weights, which learns at the full rate, for there is nothing
-to keep; without its window, with about as many rays of a frame as `mini`; and without aggregation,
+to keep; without its window, with about as many rays of a frame as `mini`; without aggregation,
 which leaves the encoder one stage: its frozen one, so here nothing is frozen; and with x and y of
 the keypoints in metres, the published code's 2D hand."""
 LONG_RUN = 4

@@ -46,7 +46,7 @@ class Parts:
     """Parts of HADR that are changed or left out; no other network has them."""
 
     hand: Literal["none", "2d", "xy", "3d"] | None = None
-    """The hand feature; 3d where it is left out."""
+    """The hand feature; 3d where it is left out. xy is the published code's 2D, in metres."""
     no_aggregation: bool = False
     """The backbone's finest scale alone."""
     no_point_fusion: bool = False

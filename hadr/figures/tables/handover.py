@@ -118,7 +118,8 @@ def incidents_table(rows: Sequence[Row]) -> str:
     The commonest in the first row's attempts comes first; of equals, by the alphabet.
     """
     counts = [dict(row["incidents"]) for row in rows]
-    names = sorted(sorted(set().union(*counts)), key=lambda name: -counts[0].get(name, (0, 0))[1])
+    every = set[str]().union(*counts)
+    names = sorted(every, key=lambda name: (-counts[0].get(name, (0, 0))[1], name))
     lines = [[name, *("{} of {}".format(*of.get(name, (0, 0))) for of in counts)] for name in names]
     head = ["what happened", *(CONDITIONS[row["condition"]] for row in rows)]
     return markdown(pd.DataFrame(lines, columns=head))

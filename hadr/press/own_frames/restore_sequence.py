@@ -11,7 +11,7 @@ from typing import Any
 from tqdm import tqdm
 
 from hadr.frame_io import read_color
-from hadr.press.own_frames import restore_command as single
+from hadr.press.own_frames import restore_command
 from hadr.press.own_frames.restore_command import MEDIAPIPE, Options, input_files, restorer_of
 from hadr.records.output_folder import VIEW, check_apart, check_replaceable
 from hadr.records.result_file import seal_row
@@ -49,14 +49,14 @@ def run_sequence(options: Options) -> int:
         bar = tqdm(frames.items(), unit="frame", disable=options.quiet or None, file=sys.stderr)
         for name, one in bar:
             try:
-                made = single.restored_frame(one, restorer)
+                made = restore_command.restored_frame(one, restorer)
             except (ValueError, OSError) as error:
                 told[name] = {"refused": str(error)}
                 continue
             (folder / name).mkdir()
-            report = single.write_frame(folder / name, made)
+            report = restore_command.write_frame(folder / name, made)
             told[name] = {key: report[key] for key in ("method", "method_title", "counts", "notes")}
-            told[name]["nothing"] = single.found_nothing(made.result)
+            told[name]["nothing"] = restore_command.found_nothing(made.result)
         done = [name for name in told if "refused" not in told[name]]
         if not done:
             first, why = next(iter(told.items()))
@@ -66,7 +66,7 @@ def run_sequence(options: Options) -> int:
         even = (p[: len(p) // 2 * 2, : p.shape[1] // 2 * 2] for p in pictures)  # as films need them
         write_film(film, even, RATE)
         record = {"command": "hadr restore", "film": film.name, "frames": told}
-        seal_row(folder / RECORD, {**record, "outputs": single.outputs(folder)})
+        seal_row(folder / RECORD, {**record, "outputs": restore_command.outputs(folder)})
     if not options.quiet:
         print("\n".join((*_summary(told), f"written   {out}, with {film.name}")))
     bad = [name for name, one in told.items() if one.get("nothing", True)]
@@ -96,7 +96,7 @@ def sequence_frames(options: Options) -> dict[str, Options]:
         for path in sorted(Path(given).iterdir()):
             if path.name.startswith(".") or path.name in _OF_SYSTEMS or path.is_dir():
                 continue
-            single.check_names(str(path))
+            restore_command.check_names(str(path))
             if path.stem in found:
                 raise ValueError(
                     f"{given} holds two files of frame {path.stem}, {Path(found[path.stem]).name} "
