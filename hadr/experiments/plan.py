@@ -89,7 +89,7 @@ def plan(
     ]
     pairs += [("known", part) for part in PARTS if part not in METHODS]
     pairs += [("known", switch) for switch in switches_of(size)]
-    pairs += [("by-frame", method) for method in ("hand-median", "hadr")]
+    pairs += [("by-frame", method) for method in ("hand-median", "hadr", "hadr-plus")]
     runs = [
         Run(experiment, method, seed)
         for experiment, method in pairs

@@ -36,7 +36,7 @@ def test_a_plan_takes_whole_methods():
         *(part for part in PARTS if part not in METHODS),
         *SWITCHES,
     ]
-    assert [run.method for run in plan(["by-frame"])] == ["hand-median", "hadr"]
+    assert [run.method for run in plan(["by-frame"])] == ["hand-median", "hadr", "hadr-plus"]
     assert [run.method for run in plan(["ablation"])] == ["hadr", *PARTS]
     assert {run.name for run in plan(["ledger"])} == {
         "known/hadr/seed-0",
