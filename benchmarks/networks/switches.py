@@ -161,6 +161,7 @@ LEDGER = (
         instead={"hadr.training.tasks.hadr.hadr_losses": losses_with_border},
     ),
     Change("6 cells", {"grid": VoxelGrid(cells=6)}, 3),
+    Change("cells begin at 0 m", {"grid": VoxelGrid((-1.0, -1.0, 0.125), (1.0, 1.0, 2.125))}, 3),
     Change("depth loss over z alone", {"weights": LossWeights(depth_over="z")}, 2),
     Change("no epochs with the true voxel", {"true_voxel_epochs": 0}, 10),
     Change("whole picture, squashed", {"width": 96, "height": 96, "view": None}, 12),
