@@ -30,7 +30,7 @@ def test_a_plan_takes_whole_methods():
         "known/hadr/seed-0",
         "known/hadr/seed-2",
     ]
-    assert {run.experiment for run in plan(["hadr-plus"])} == {"known", "unknown"}
+    assert {run.experiment for run in plan(["hadr-plus"])} == {"known", "unknown", "by-frame"}
     assert [run.method for run in plan(["known"])] == [
         *METHODS,
         *(part for part in PARTS if part not in METHODS),
