@@ -1,15 +1,14 @@
 """What is a memory of the training frames worth, when holds are dealt out whole, and when not?
 
-    python benchmarks/networks/memory.py --runs OUT/runs --data DIR data_samples/frames \\
-        --json results/mini/memory.json
+    python benchmarks/networks/memory.py --preset imagenet --runs OUT/runs --data NEAR \\
+        --json results/imagenet/memory.json
 
-OUT and DIR are what `hadr reproduce --preset mini` and `hadr generate --preset mini` have made. The
-*nearest hand* learns nothing and remembers everything: it looks for the training frame whose hand,
-turned and shifted rigidly, is most like the one it sees, and puts the glass where it was in that
-hand. Beside it stands the same with all frames of the test frame's own hold left out. (It is given
-true keypoints, as all methods of the tables are, so it always recognises a sister.) Of the networks
-HADR-plus, the most accurate of all, is trained here on frames dealt out one by one. Test frames are
-looked at once, after all is trained.
+OUT and NEAR are what `hadr reproduce --preset imagenet` and `hadr generate` have made. The *nearest
+hand* learns nothing and remembers everything: it looks for the training frame whose hand, turned
+and shifted rigidly, is most like the one it sees, and puts the glass where it was in that hand.
+Beside it stands the same with all frames of the test frame's own hold left out. (It is given true
+keypoints, as all methods of the tables are, so it always recognises a sister.) HADR and
+HADR-plus were trained on either deal. Test frames are looked at once, after all is trained.
 """
 
 from typing import Any
@@ -153,8 +152,8 @@ def main() -> None:
             print(f"{split}, {method}: {row['rmse_m']:.4f} m, against the median {gap:+.4f} m")
     what = (
         "RMSE on test frames with whole holds held out (known) and with frames dealt out one by "
-        "one (by-frame), preset mini: metres, means over frames, standard errors over holds; "
-        "nearest-hand puts the glass where it was in the most similar training hand"
+        f"one (by-frame), preset {bench.size}: metres, means over frames, standard errors over "
+        "holds; nearest-hand puts the glass where it was in the most similar training hand"
     )
     write_rows(args.json, what, rows, bench)
 

@@ -53,5 +53,7 @@ def test_preset_imagenet_is_measured_without_its_weights_and_without_its_window(
     assert replace(thawed, model=replace(thawed.model, lite=base.model.lite)) == lone
     flat = recipe_of("hand-xy", "imagenet")
     assert (flat.model.hand, replace(flat.model, hand="3d")) == ("xy", base.model)
+    coarse = recipe_of("six-cells", "imagenet").model
+    assert (coarse.grid.voxel_size, replace(coarse, grid=base.model.grid)) == (1 / 3, base.model)
     with pytest.raises(ValueError, match="got 'random-encoder'"):
         recipe_of("random-encoder", "mini")  # it has no such encoder

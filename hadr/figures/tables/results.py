@@ -36,6 +36,7 @@ NAMES: dict[str, str] = {
     "no-point-fusion": "HADR without point fusion",
     "hand-2d": "HADR with the 2D hand feature",
     "hand-xy": "HADR with the hand's x and y in metres",
+    "six-cells": "HADR with cells of 33 cm",
     "random-encoder": "HADR, encoder from random weights",
     "whole-picture": "HADR, without a window",
     "no-aggregation-thawed": "HADR without aggregation, no stage frozen",
