@@ -55,5 +55,8 @@ def test_preset_imagenet_is_measured_without_its_weights_and_without_its_window(
     assert (flat.model.hand, replace(flat.model, hand="3d")) == ("xy", base.model)
     coarse = recipe_of("six-cells", "imagenet").model
     assert (coarse.grid.voxel_size, replace(coarse, grid=base.model.grid)) == (1 / 3, base.model)
+    moved = recipe_of("cells-from-zero", "imagenet").model.grid
+    assert (moved.voxel_size, moved.origin) == (0.25, (-1.125, -1.125, 0.0))
+    assert base.model.grid.origin == (-1.125, -1.125, -0.125)
     with pytest.raises(ValueError, match="got 'random-encoder'"):
         recipe_of("random-encoder", "mini")  # it has no such encoder

@@ -37,6 +37,7 @@ NAMES: dict[str, str] = {
     "hand-2d": "HADR with the 2D hand feature",
     "hand-xy": "HADR with the hand's x and y in metres",
     "six-cells": "HADR with cells of 33 cm",
+    "cells-from-zero": "HADR with cells from 0 m on",
     "random-encoder": "HADR, encoder from random weights",
     "whole-picture": "HADR, without a window",
     "no-aggregation-thawed": "HADR without aggregation, no stage frozen",
