@@ -102,21 +102,25 @@ def test_what_the_page_says_of_short_trainings_is_so():
     clear = {name for name, effect in effects.items()
              if abs(effect["RMSE"][0]) > 2 * effect["RMSE"][1]}  # fmt: skip
     worse = {name for name in clear if effects[name]["RMSE"][0] > 0}
-    assert worse == {"loss weights as coded", "one rate for all layers"}
-    assert clear - worse == {"depth loss over z alone"}
-    coded = effects["loss weights as coded"]
-    assert coded["shape"][0] < 2 * coded["shape"][1]  # "its shape is no worse"
-    place = [rows[name]["given"]["true keypoints"]["place_m"] for name in rows]
-    assert rows["loss weights as coded"]["given"]["true keypoints"]["place_m"] == max(place)
+    assert worse == {"no hand", "other layers begin as published"}
+    cells = {"6 cells", "cells begin at 0 m"}
+    assert clear - worse == cells | {"encoder from random weights", "probability clamped"}
+    assert (
+        max(effects, key=lambda name: effects[name]["RMSE"][0]) == "other layers begin as published"
+    )
     sees = {name: row["sees"] for name, row in rows.items()}
-    random, one_rate = sees["encoder from random weights"], sees["one rate for all layers"]
-    assert abs(random["color_gain_m"]) < 0.0005 < 0.002 < sees["as it is"]["color_gain_m"] < 0.009
-    assert max(rank for name, rank in random.items() if name.startswith("rank")) < 10
-    assert 0.5 < one_rate["rank_3"] / sees["as it is"]["rank_3"] < 0.6
-    assert {1, 2, 3, 28, 29, 32} <= {effect["row"] for effect in effects.values()}
-    learned = effects["predicted keypoints in training"]
-    for name in ("RMSE", "RMSE with predicted keypoints"):
-        assert abs(learned[name][0]) < learned[name][1]
+    base, random = sees["as it is"], sees["encoder from random weights"]
+    assert random["color_gain_m"] < 0.001 < 0.002 < base["color_gain_m"] < 0.005
+    long = read_result_file(ROOT / "results" / "imagenet" / "colors.json")
+    learned = long.row(method="hadr", split="known")
+    assert learned["rmse_others_colors_m"] - learned["rmse_m"] > 0.01
+    one_rate = sees["one rate for all layers"]
+    assert one_rate["rank_3"] / base["rank_3"] == pytest.approx(0.6, abs=0.02)  # "two fifths"
+    assert {1, 2, 3, 10, 28, 29, 30, 31, 32, 33} <= {effect["row"] for effect in effects.values()}
+    level = set(effects) - clear
+    assert {"loss weights as coded", "depth loss over z alone", "no ReLU on voxels"} <= level
+    taught = effects["predicted keypoints in training"]["RMSE with predicted keypoints"]
+    assert abs(taught[0]) < 2 * taught[1]
 
 
 def test_the_library_points_to_rows_that_exist():
