@@ -341,9 +341,9 @@ def found_paragraph(results: Path) -> str:
     hadr, plain = known.row(method="hadr"), known.row(method="unet-hand")
     nearer = "nearer to" if plain["rmse_m"] < hadr["rmse_m"] else "no nearer to"
     return "\n".join((
-        f"Of {len(listed)} claims of the paper, of HADR and four rivals "
-        f"({', '.join(NAMES[rival] for rival in RIVALS)}); errors as RMSE (the root of the mean "
-        "squared error), with their standard error:\n", *lines,
+        f"The paper makes {len(listed)} claims that can be held against numbers. Errors are RMSE "
+        "(the root of the mean squared error) with their standard error; the rivals are "
+        f"{', '.join(NAMES[rival] for rival in RIVALS)} (DFNet is the paper's TransCG).\n", *lines,
         "\nAnd what the paper did not ask: a plain U-Net that is told where the hand is comes "
         f"{nearer} the truth than HADR ({rmse_cm(plain)} cm against {rmse_cm(hadr)} on known "
         "objects).",

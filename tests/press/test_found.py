@@ -76,5 +76,5 @@ def test_every_claim_has_words_a_place_and_evidence_that_is_there() -> None:
 def test_the_paragraph_counts_all_claims() -> None:
     text = found.found_paragraph(ROOT / "results")
     listed = found.claims(ROOT / "results")
-    assert text.startswith(f"Of {len(listed)} claims of the paper, ")
+    assert text.startswith(f"The paper makes {len(listed)} claims that ")
     assert [claim.name for claim in listed if claim.name not in text] == []

@@ -192,7 +192,7 @@ def show_choice(ax: Any, scene: HeldScene, grasps: Grasps, scores: npt.ArrayLike
     show_grippers(ax, poses[[best]], grasps.widths[[best]], [COLORS["robot"]], lw=4.5)
     middle = scene.base_from_object[:3, 3] + [0, 0, 0.13]
     bare_axes_3d(ax, middle - 0.19, middle + 0.19, zoom=1.55)
-    ax.view_init(12, -100)
+    ax.view_init(40, -70)  # else the chosen gripper stands edge-on
 
 
 def candidate_choice(

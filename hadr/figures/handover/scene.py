@@ -203,7 +203,7 @@ def _show_moment(ax: Any, film: HandFilm, carried: Sequence[Carried], at: int) -
     middle = (film.keypoints.min(axis=(0, 1)) + film.keypoints.max(axis=(0, 1))) / 2
     middle += np.array([-0.03, 0.0, 0.03])
     bare_axes_3d(ax, middle - 0.18, middle + 0.18, zoom=1.5)
-    ax.view_init(12, -100)  # from the camera's side, the human on the right
+    ax.view_init(40, -70)  # from the camera's side, the human on the right, no gripper edge-on
 
 
 def show_errors(

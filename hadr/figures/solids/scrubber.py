@@ -35,7 +35,8 @@ class Page:
     def _repr_html_(self) -> str:
         source, title = (html.escape(text, quote=True) for text in (self.page, self.title))
         style = f"width:100%;border:0;display:block;{self.style}"
-        return f'<iframe title="{title}" style="{style}" srcdoc="{source}"></iframe>'
+        frame = f'<iframe title="{title}" style="{style}" srcdoc="{source}"></iframe>'
+        return f'<figure style="margin:0">{frame}<figcaption>{title}</figcaption></figure>'
 
     def save(self, path: str | Path) -> None:
         """Write the page as a file that any browser opens."""

@@ -20,16 +20,11 @@ from hadr.synthesis.recordings.recording import (
     find_recordings,
     read_recording,
 )
-from hadr.synthesis.rendering.child_process import call_in_child
-from hadr.synthesis.rendering.mitsuba_variant import check_installed
 from hadr.synthesis.rendering.photo import photograph
 from hadr.synthesis.rendering.raycast import Labels
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.scene import HoldScene, make_scene
 from hadr.synthesis.textures.backgrounds import find_backgrounds
-
-#: Seconds for a picture that a reader waits for.
-PATIENCE = 300.0
 
 Color = npt.NDArray[np.uint8]
 
@@ -148,23 +143,3 @@ def frame_of(
 def render_frame(recipe: FrameRecipe, settings: GenerationSettings) -> Frame:
     """Make one frame with exact labels; the same for the same arguments."""
     return draw_frame(build_scene(recipe, settings), recipe, settings)
-
-
-def live_picture(
-    recipe: FrameRecipe, settings: GenerationSettings, stored: Color
-) -> tuple[Color, str, str]:
-    """Make a picture now, in a child process, or give a stored one where that can't be done.
-
-    Returns:
-        The picture, sRGB, (H, W, 3) uint8, as ``stored``; its title; and one sentence that says why
-        a stored one stands there although Mitsuba is installed, else nothing.
-    """
-    try:
-        check_installed()
-    except ValueError:
-        return stored, "a stored picture (Mitsuba is not installed here)", ""
-    try:
-        frame = call_in_child(render_frame, recipe, settings, timeout=PATIENCE)
-    except Exception as error:
-        return stored, "a stored picture", f"No picture could be traced here: {error}."
-    return frame.color, f"traced just now: {frame.hold_id}", ""

@@ -77,7 +77,7 @@ def test_frame_holds_the_page_and_asks_no_other_host():
     table = turntable([scene('a "quoted" </script> name')])
     shown = table._repr_html_()
     assert shown.count("<iframe") == 1
-    assert shown.count('"') == 6  # title, style and srcdoc: no quote of the page gets out
+    assert shown.count('"') == 8  # style, title, style and srcdoc: no quote of the page gets out
     assert table.page.count("</script>") == 1
     assert not re.search(r"(src|href)=|https?://|import\(|fetch\(", table.page)
 

@@ -1,19 +1,14 @@
 """One frame: what it depends on, and its labels."""
 
-import importlib.util
-import os
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from hadr.camera import back_project, transform_points
-from hadr.synthesis.generation.frames import live_picture, render_frame
+from hadr.synthesis.generation.frames import render_frame
 from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.distance import signed_distance
 from hadr.synthesis.glass.objects import glass_object
-from hadr.synthesis.rendering.child_process import call_in_child
 
 SIZE = GenerationSettings(width=64, height=36, quality="fast")
 
@@ -54,41 +49,3 @@ def test_the_labels_of_a_frame_agree_with_each_other():
     local = transform_points(np.linalg.inv(camera_from_object), points[frame.object_mask])
     item = glass_object(frame.object_id)
     assert np.abs(signed_distance(item, local)).max() < 1e-3
-
-
-def test_a_live_picture_is_made_in_a_child_process(monkeypatch):
-    pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
-    traced = replace(SIZE, engine="photo")
-    recipe, stored, fresh = traced.recipe(5), np.zeros((2, 2, 3), np.uint8), np.ones((2, 2, 3))
-
-    def child(function, *args, timeout):
-        assert (function, args) == (render_frame, (recipe, traced))
-        return SimpleNamespace(color=fresh, hold_id="0007-rim-0000")
-
-    monkeypatch.setattr("hadr.synthesis.generation.frames.call_in_child", child)
-    color, title, sentence = live_picture(recipe, traced, stored)
-    assert color is fresh
-    assert (title, sentence) == ("traced just now: 0007-rim-0000", "")
-
-
-def test_a_stored_picture_stands_where_none_can_be_made(monkeypatch):
-    def child(*args, **options):
-        return call_in_child(os.abort, timeout=60)
-
-    find, stored = importlib.util.find_spec, np.zeros((2, 2, 3), np.uint8)
-    for missing in (set(), {"mitsuba"}):
-        with monkeypatch.context() as patch:
-            patch.setattr("hadr.synthesis.generation.frames.call_in_child", child)
-            patch.setattr(
-                importlib.util,
-                "find_spec",
-                lambda name, *a, missing=missing: None if name in missing else find(name, *a),
-            )
-            made = live_picture(SIZE.recipe(5), replace(SIZE, engine="photo"), stored)
-        assert made[0] is stored
-        if missing or not find("mitsuba"):
-            assert made[1:] == ("a stored picture (Mitsuba is not installed here)", "")
-        else:
-            why = "No picture could be traced here: its process was ended by SIGABRT"
-            assert made[1] == "a stored picture"
-            assert made[2].startswith(why)
