@@ -18,7 +18,7 @@ from hadr.camera import Array
 from hadr.handover import safety, ur5
 from hadr.handover.grasping.collision import hand_distance, hand_gaps
 from hadr.handover.observation import HandWatch
-from hadr.handover.poses import between, pose_distance, toward
+from hadr.handover.poses import between, pose_distance, toward, turn_between
 from hadr.handover.robot import Robot
 from hadr.handover.stages import ARRIVE_ANGLE, ARRIVE_DISTANCE, CRAWL_SPEED, HandoverConfig
 
@@ -81,6 +81,9 @@ class GuardedArm:
     _trail: list[Array] = field(default_factory=list, init=False)
     _singular: float = field(default=np.inf, init=False)
     _regular_at: float = field(default=-np.inf, init=False)
+    _of: Reading | None = field(default=None, init=False)
+    _links: dict[bytes, Array] = field(default_factory=dict, init=False)
+    _known: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self.read()
@@ -225,19 +228,28 @@ class GuardedArm:
 
     def _gaps(self, path: Sequence[Array], width: float | None, hand: Array) -> Array:
         """What `free` is the least of: the space to each ball of the person, metres, (m,)."""
-        width = self.reading.width if width is None else width
-        tool, joints = self.reading.tool, self.reading.joints
-        moved = (pose @ np.linalg.inv(tool) for pose in path)
-        arms = [joints, *(ur5.joints_toward(joints, motion) for motion in moved)]
-        links = np.concatenate([ur5.link_surfaces(arm) for arm in arms])
-        return hand_gaps(np.array(path or [tool]), width, hand, links)
+        now, names = self.reading, [pose.tobytes() for pose in path]
+        width = now.width if width is None else width
+        if self._of is not now:  # much is asked several times in a step
+            self._of, self._links, self._known = now, {b"": ur5.link_surfaces(now.joints)}, {}
+        key = (*names, width, hand.tobytes())
+        if key not in self._known:
+            links, tools = self._links, np.array(path or [now.tool])
+            new = [i for i, name in enumerate(names) if name not in links]
+            if new:
+                arms = ur5.joints_toward(now.joints, tools[new] @ np.linalg.inv(now.tool))
+                links |= zip((names[i] for i in new), ur5.link_surfaces(arms), strict=True)
+            met = np.concatenate([links[name] for name in (b"", *names)])
+            self._known[key] = hand_gaps(tools, width, hand, met)
+        return self._known[key]
 
     def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:
         """Poses from the tool on toward a goal, within so many metres; `LOOK_AHEAD` if left out."""
         look = safety.LOOK_AHEAD if within is None else within
         way, angle = pose_distance(self.reading.tool, goal)
         part = min(1.0, look / max(way, 0.1 * angle, 1e-9))  # a turn moves the fingers too
-        return [between(self.reading.tool, goal, part * step) for step in (0.0, 0.5, 1.0)]
+        tool, turn = self.reading.tool, turn_between(self.reading.tool, goal)
+        return [tool, between(tool, goal, part * 0.5, turn), between(tool, goal, part, turn)]
 
     def go(self, goal: Array, speed: float, dt: float, *, factor: float = 1.0) -> None:
         """Move toward a tool pose for dt seconds, at a part of a speed, m/s, and of the turn's."""

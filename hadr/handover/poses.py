@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import Array
+
+
+def norm(vector: Array) -> float:
+    """Length of a vector (n,), as of `np.linalg.norm` in a fraction of its time."""
+    return math.sqrt(vector @ vector)
 
 
 def check_pose(pose: Array, name: str = "pose") -> Array:
@@ -31,18 +38,24 @@ def check_pose(pose: Array, name: str = "pose") -> Array:
 def pose_distance(first: Array, second: Array) -> tuple[float, float]:
     """Distance in metres and angle in radians between two poses (4, 4) of one frame."""
     turn = first[:3, :3].T @ second[:3, :3]
-    angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
-    return float(np.linalg.norm(first[:3, 3] - second[:3, 3])), angle
+    cosine = (float(turn[0, 0] + turn[1, 1] + turn[2, 2]) - 1) / 2
+    return norm(first[:3, 3] - second[:3, 3]), float(np.arccos(min(max(cosine, -1.0), 1.0)))
 
 
-def between(first: Array, second: Array, part: float) -> Array:
+def turn_between(first: Array, second: Array) -> Array:
+    """Rotation vector (3,), in the first pose's frame, by which the second (4, 4) is turned."""
+    return np.asarray(Rotation.from_matrix(first[:3, :3].T @ second[:3, :3]).as_rotvec())
+
+
+def between(first: Array, second: Array, part: float, turn: Array | None = None) -> Array:
     """A part of the way from one pose (4, 4) to another: 0 gives the first, 1 the second.
 
-    It lies on the straight line, turned about the one axis that leads there.
+    It lies on the straight line, turned about the one axis that leads there; whoever asks for
+    several parts gives the `turn_between` the two.
     """
     if part >= 1.0:
         return second.copy()
-    turn = Rotation.from_matrix(first[:3, :3].T @ second[:3, :3]).as_rotvec()
+    turn = turn_between(first, second) if turn is None else turn
     pose = first.copy()
     pose[:3, :3] = first[:3, :3] @ Rotation.from_rotvec(part * turn).as_matrix()
     pose[:3, 3] += part * (second[:3, 3] - first[:3, 3])

@@ -44,13 +44,27 @@ metres; from the ROS description. The DH table folds both into d_4."""
 
 
 def check_joints(joints: Array) -> Array:
-    """Six joint angles as float64; ValueError for another shape, NaN or infinity."""
+    """Six joint angles (..., 6) as float64; ValueError for another shape, NaN or infinity."""
     angles = np.asarray(joints, dtype=np.float64)
-    if angles.shape != (6,):
+    if angles.shape[-1:] != (6,):
         raise ValueError(f"joints must be six angles in radians, got shape {angles.shape}")
     if not np.isfinite(angles).all():
         raise ValueError(f"joints must be finite, got {angles}")
     return angles
+
+
+def _dh_parts() -> tuple[Array, Array, Array]:
+    """What of the DH transforms, (6, 4, 4) each, is fixed, goes with cosine, and with sine."""
+    fixed, by_cosine, by_sine = np.zeros((3, 6, 4, 4))
+    for i, (alpha, a, d) in enumerate(zip(DH_ALPHA.tolist(), DH_A, DH_D, strict=True)):
+        c, s = math.cos(alpha), math.sin(alpha)
+        fixed[i, 2:] = [0, s, c, d], [0, 0, 0, 1]
+        by_cosine[i, :2] = [1, 0, 0, a], [0, c, -s, 0]
+        by_sine[i, :2] = [0, -c, s, 0], [1, 0, 0, a]
+    return fixed, by_cosine, by_sine
+
+
+_FIXED, _BY_COSINE, _BY_SINE = _dh_parts()
 
 
 def link_transform(index: int, angle: float) -> Array:
@@ -58,25 +72,21 @@ def link_transform(index: int, angle: float) -> Array:
 
     Rotate by the angle about z, shift d along z, shift a along x, twist by alpha.
     """
-    c, s = math.cos(angle), math.sin(angle)
-    ca, sa = math.cos(DH_ALPHA[index]), math.sin(DH_ALPHA[index])
-    a, d = DH_A[index], DH_D[index]
-    return np.array(
-        [
-            [c, -s * ca, s * sa, a * c],
-            [s, c * ca, -c * sa, a * s],
-            [0.0, sa, ca, d],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
+    turned = math.cos(angle) * _BY_COSINE[index] + math.sin(angle) * _BY_SINE[index]
+    return np.asarray(_FIXED[index] + turned)
 
 
 def joint_frames(joints: Array) -> Array:
-    """Poses (7, 4, 4), metres, of base to flange in `dh_base` for joint angles (6,) in radians."""
-    frames = [np.eye(4)]
-    for index, angle in enumerate(check_joints(joints)):
-        frames.append(frames[-1] @ link_transform(index, float(angle)))
-    return np.array(frames)
+    """Poses (..., 7, 4, 4), metres, base to flange in `dh_base`; joint angles (..., 6), radians."""
+    angles = check_joints(joints)
+    flat = angles.ravel().tolist()  # numpy's sine may round otherwise than that of math
+    turns = np.array([*map(math.cos, flat), *map(math.sin, flat)]).reshape(2, *angles.shape, 1, 1)
+    moves = _FIXED + turns[0] * _BY_COSINE + turns[1] * _BY_SINE
+    frames = np.empty((7, *angles.shape[:-1], 4, 4))
+    frames[0] = np.eye(4)
+    for i in range(6):
+        np.matmul(frames[i], moves[..., i, :, :], out=frames[i + 1])
+    return np.moveaxis(frames, 0, -3)
 
 
 def forward_kinematics(joints: Array) -> Array:
@@ -99,43 +109,47 @@ def singularity(joints: Array) -> float:
 
 
 def _jacobian(frames: Array) -> Array:
-    """How the flange moves and turns by each of the six joints, (6, 6), of `joint_frames`."""
-    axes, way = frames[:6, :3, 2], frames[6, :3, 3] - frames[:6, :3, 3]
+    """How the flange moves and turns by each of the six joints, (..., 6, 6), of `joint_frames`."""
+    axes, way = frames[..., :6, :3, 2], frames[..., 6:, :3, 3] - frames[..., :6, :3, 3]
     on, back = [1, 2, 0], [2, 0, 1]  # several times as quick as np.cross
-    moved = axes[:, on] * way[:, back] - axes[:, back] * way[:, on]
-    return np.concatenate([moved, axes], axis=1)
+    moved = axes[..., on] * way[..., back] - axes[..., back] * way[..., on]
+    return np.concatenate([moved, axes], axis=-1)
 
 
 def joints_toward(joints: Array, motion: Array) -> Array:
-    """About the joint angles (6,) once the tool has moved by a rigid motion (4, 4), `base_link`.
+    """About the joint angles once the tool has moved by a rigid motion (..., 4, 4), `base_link`.
 
-    Three steps of damped least squares: within a millimetre after 10 cm; for what is far out of
-    reach just some finite angles. Never another of the solutions.
+    From joint angles (6,), radians, for each motion: (..., 6). Three steps of damped least squares:
+    within a millimetre after 10 cm; for what is far out of reach just some finite angles. Never
+    another of the solutions.
     """
     frames = joint_frames(joints)
     goal = BASE_LINK_FROM_DH_BASE @ motion @ BASE_LINK_FROM_DH_BASE @ frames[6]
-    for _ in range(3):
-        turn = cv2.Rodrigues(goal[:3, :3] @ frames[6, :3, :3].T)[0][:, 0]
-        missing = np.concatenate([goal[:3, 3] - frames[6, :3, 3], turn])
+    for step in range(3):
+        frames = joint_frames(joints) if step else frames
+        flange = frames[..., 6, :, :]
+        off = goal[..., :3, :3] @ flange[..., :3, :3].swapaxes(-1, -2)
+        turn = np.array([cv2.Rodrigues(one)[0][:, 0] for one in off.reshape(-1, 3, 3)])
+        way = goal[..., :3, 3] - flange[..., :3, 3]
+        missing = np.concatenate([way, turn.reshape(way.shape)], axis=-1)
         jacobian = _jacobian(frames)  # a row for each joint
-        damped = jacobian.T @ jacobian + _DAMPING * np.eye(6)
-        joints = joints + jacobian @ np.linalg.solve(damped, missing)
-        frames = joint_frames(joints)
+        damped = jacobian.swapaxes(-1, -2) @ jacobian + _DAMPING * np.eye(6)
+        joints = joints + (jacobian @ np.linalg.solve(damped, missing[..., None]))[..., 0]
     return joints
 
 
 def link_outline(joints: Array) -> Array:
-    """Points (9, 3) along the arm's real links from the base's foot to the flange, `dh_base`.
+    """Points (..., 9, 3) along the arm's real links from the base's foot to the flange, `dh_base`.
 
-    Metres, for joint angles (6,) in radians. Upper arm and forearm stand beside the shoulder's
+    Metres, for joint angles (..., 6) in radians. Upper arm and forearm stand beside the shoulder's
     plane, into which the DH frames put all links. A picture or a check against the table wants
     them where they are.
     """
     frames = joint_frames(joints)
-    origin, sideways = frames[:, :3, 3], frames[1, :3, 2]
+    origin, sideways = frames[..., :3, 3], frames[..., 1:2, :3, 2]
     upper, fore = sideways * SHOULDER_OFFSET, sideways * (SHOULDER_OFFSET + ELBOW_OFFSET)
-    arm = origin[1] + upper, origin[2] + upper, origin[2] + fore, origin[3] + fore
-    return np.stack([origin[0], origin[1], *arm, *origin[4:]])
+    arm = origin[..., 1:3, :] + upper, origin[..., 2:4, :] + fore
+    return np.concatenate([origin[..., :2, :], *arm, origin[..., 4:, :]], axis=-2)
 
 
 LINK_RADII: tuple[float, ...] = (0.060, 0.054, 0.045, 0.040, 0.040, 0.038)
@@ -150,23 +164,26 @@ LINK_LINES: tuple[tuple[int, int, int], ...] = (
 _DAMPING = 1e-4
 
 
-def link_capsules(joints: Array) -> Array:
-    """The moving links at joint angles (6,): rows of start, end and radius, (8, 7), `dh_base`.
+_LINKS, _FIRST, _LAST = np.array(LINK_LINES).T
+_RADII = np.array(LINK_RADII)[_LINKS][:, None]
 
-    The first begins 4 cm above the base's foot; the last one's cap is around the gripper's root.
+
+def link_capsules(joints: Array) -> Array:
+    """The moving links at joint angles (..., 6): rows of start, end, radius, (..., 8, 7), metres.
+
+    In `dh_base`. The first begins 4 cm above the base's foot; the last one's cap is around the
+    gripper's root.
     """
     points = link_outline(joints)
-    links, first, last = np.array(LINK_LINES).T
-    radii = np.array(LINK_RADII)[links][:, None]
-    rows: Array = np.concatenate([points[first], points[last], radii], axis=1)
-    rows[0, 2] += 0.04
+    radii = np.broadcast_to(_RADII, (*points.shape[:-2], *_RADII.shape))
+    rows: Array = np.concatenate([points[..., _FIRST, :], points[..., _LAST, :], radii], axis=-1)
+    rows[..., 0, 2] += 0.04
     return rows
 
 
 def link_surfaces(joints: Array) -> Array:
     """All moving links, which a person may meet: `link_capsules`, but in `base_link`."""
-    rows, turn = link_capsules(joints), BASE_LINK_FROM_DH_BASE[:3, :3]
-    return np.concatenate([rows[:, :3] @ turn.T, rows[:, 3:6] @ turn.T, rows[:, 6:]], axis=1)
+    return link_capsules(joints) * [-1.0, -1.0, 1.0, -1.0, -1.0, 1.0, 1.0]
 
 
 def inverse_kinematics(dh_base_from_flange: Array, free_angle: float = 0.0) -> Array:
@@ -251,11 +268,12 @@ def wrap_angle(angle: Array) -> Array:
 
 def distinct_solutions(joints: Array) -> Array:
     """Of joint vectors (n, 6) that differ by whole turns only, keep the first, in (-pi, pi]."""
-    kept: list[Array] = []
-    for row in wrap_angle(joints):
-        if not any(np.abs(wrap_angle(row - other)).max() < 1e-5 for other in kept):
+    rows, kept = wrap_angle(joints), list[int]()
+    alike = np.abs(wrap_angle(rows[:, None] - rows)).max(axis=2) < 1e-5
+    for row in range(len(rows)):
+        if not alike[row, kept].any():
             kept.append(row)
-    return np.stack(kept) if kept else np.empty((0, 6))
+    return rows[kept]
 
 
 def nearest_turns(joints: Array, current: Array) -> Array:
