@@ -14,7 +14,7 @@ import numpy as np
 
 from hadr.camera import Array
 from hadr.handover import ur5
-from hadr.handover.poses import between, pose_distance
+from hadr.handover.poses import between, norm, pose_distance
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig, solutions_by_way
 from hadr.simulation.robot.arm_model import kinematic_model, pose_of
@@ -164,13 +164,13 @@ class ArmMotion:
         """The tool pose for the next moment, on the way's line; slower while joints push it off."""
         c = self.motion
         moving = self._configuration.get_frame_jacobian("tool", "site") @ self.velocity
-        speed, spin = float(np.linalg.norm(moving[:3])), float(np.linalg.norm(moving[3:]))
+        speed, spin = norm(moving[:3]), norm(moving[3:])
         line = target[:3, 3] - self._start
         left = target[:3, 3] - now[:3, 3]
-        length = float(np.linalg.norm(line))
+        length = norm(line)
         along = line * ((left @ line) / length**2) if length > 0.01 else left
         aside = left - along
-        ahead, off = float(np.linalg.norm(along)), float(np.linalg.norm(aside))
+        ahead, off = norm(along), norm(aside)
         fast = min(
             _slowing(ahead, TOOL_SPEED, TOOL_ACCELERATION, dt) / (1 + off / 0.004),
             speed + TOOL_ACCELERATION * dt,

@@ -14,7 +14,7 @@ import numpy as np
 from hadr.camera import Array
 from hadr.handover import ur5
 from hadr.handover.grasping.gripper import LARGEST_OPENING
-from hadr.handover.poses import check_pose
+from hadr.handover.poses import check_pose, norm
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig
 from hadr.handover.stages import GENTLE_FORCE
@@ -48,7 +48,7 @@ class _Stretch:
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Joint angles and velocities at a time within the stretch, each of shape (6,)."""
-        since = float(np.clip(time - self.start, 0.0, self.length))
+        since = min(max(time - self.start, 0.0), self.length)
         (first, last) = self.velocities
         velocity = first + (last - first) * since / self.length
         return self.joints + (first + velocity) / 2 * since, velocity
@@ -190,29 +190,27 @@ class PhysicalUR5:
         self._touch += (wrench - self._touch) * share
         self._press += (press - self._press) * share
         self._links += (links - self._links) * share
-        force = max(float(np.linalg.norm(self._touch[:3])), self._links)
+        force = max(norm(self._touch[:3]), self._links)
         if force > PROTECTIVE_FORCE and not self.protective_stop:
             self.protective_stop = f"{force:.1f} N on the arm, more than {PROTECTIVE_FORCE:.1f} N"
 
     def drive(self) -> None:
         """Write the motors' commands for this moment; the world calls it before each step."""
-        now = self._data.time
+        now, step = self._data.time, self._model.opt.timestep
         halt = self._stopped or bool(self.protective_stop)
         if now >= self._stretch.end - 1e-9 or (halt and self._stretch.start < now):
             joints, velocity = self._stretch.at(now)
             self._motion.put(joints, velocity)
             urgent = bool(self.protective_stop)
             rate = EMERGENCY_DECELERATION if urgent else self._motion.rows.acceleration
-            step = self._model.opt.timestep
             self._motion.brake(step, rate)
             self._stretch = _Stretch(now, step, joints, (velocity, self._motion.velocity))
-        joints, velocity = self._stretch.at(now + self._model.opt.timestep)
+        joints, velocity = self._stretch.at(now + step)
         self._data.ctrl[self._position] = joints
         self._data.ctrl[self._speed] = velocity
-        step = self.arm.finger_speed * self._model.opt.timestep
-        self._opening += float(np.clip(self._target_opening - self._opening, -step, step))
+        most = self.arm.finger_speed * step
+        self._opening += min(max(self._target_opening - self._opening, -most), most)
         self._data.ctrl[self._grip] = self._opening / 2
-        rise = FORCE_RISE * self._model.opt.timestep
-        self._force = min(self._force + rise, self._wanted_force)
+        self._force = min(self._force + FORCE_RISE * step, self._wanted_force)
         # half of the motor's force acts on each finger
         self._model.actuator_forcerange[self._grip] = [-2 * self._force, 2 * self._force]

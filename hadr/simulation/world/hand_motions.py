@@ -73,10 +73,14 @@ class SeededMotion:
 
     def moved(self, time: float) -> Array:
         """base_now_from_base_start (4, 4) at a time in seconds; the identity up to time 0."""
-        now, start = self._displaced(max(time, 0.0)), self._displaced(0.0)
         if time <= 0:
             return np.eye(4)
-        return turned_about(self.wrist, now[0] - start[0], now[1] - start[1])
+        shift, turn = self._displaced(time) - self._start
+        return turned_about(self.wrist, shift, turn)
+
+    @cached_property
+    def _start(self) -> Array:
+        return self._displaced(0.0)
 
     def _displaced(self, time: float) -> Array:
         """Displacement in metres and rotation vector in radians, shape (2, 3)."""

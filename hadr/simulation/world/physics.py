@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from hadr.camera import Array, transform_points
+from hadr.handover.poses import norm
 from hadr.handover.robot import UNLOCK_AFTER
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.simulation.robot.arm_model import GRIPPER_GEOMS, HAND, OBJECT, ROBOT, pose_of
@@ -35,6 +36,8 @@ _KNOT = 0.01
 
 HAND_STIFFNESS, HAND_TURN_STIFFNESS = 250.0, 5.0
 """Force and torque that a displaced or twisted hand holds against, N/m and N m/rad."""
+_DAMPING = 2 * np.sqrt(HAND_STIFFNESS * HAND_MASS)
+_TURN_DAMPING = 2 * np.sqrt(HAND_TURN_STIFFNESS * HAND_INERTIA)
 HAND_STRENGTH, HAND_TORQUE = 12.0, 1.5
 """A hand that is pushed or twisted harder gives way, newtons and N m."""
 RELEASE_AFTER, RELEASE_FORCE = 0.1, 0.5
@@ -66,20 +69,8 @@ class _Course:
         place: Array = self.first[:3, 3] + elapsed * self.speed
         return place
 
-    def place(self, elapsed: float, point: Array) -> Array:
-        """Where a point (3,) of the wrist frame should be, shape (3,)."""
-        rotated = np.zeros(3)
-        mujoco.mju_rotVecQuat(rotated, point, self._quaternion_at(elapsed))
-        place: Array = self.origin(elapsed) + rotated
-        return place
-
-    def turn_from(self, elapsed: float, quaternion: Array) -> Array:
-        """Rotation vector (3,) to the wanted rotation, in the frame of the quaternion (4,)."""
-        turn = np.zeros(3)
-        mujoco.mju_subQuat(turn, self._quaternion_at(elapsed), quaternion)
-        return turn
-
-    def _quaternion_at(self, elapsed: float) -> Array:
+    def quaternion_at(self, elapsed: float) -> Array:
+        """How the wrist should be turned, shape (4,)."""
         quaternion = self.quaternion.copy()
         mujoco.mju_quatIntegrate(quaternion, self.turn, elapsed)
         return quaternion
@@ -94,7 +85,7 @@ def _cross(first: Array, second: Array) -> Array:
 
 def _at_most(vector: Array, largest: float) -> Array:
     """The vector (3,), shortened to a length where it is longer."""
-    length = float(np.sqrt(vector @ vector))
+    length = norm(vector)
     shortened: Array = vector if length <= largest else vector * (largest / length)
     return shortened
 
@@ -135,13 +126,11 @@ class World:
         self._hand, self._object = model.body("hand").id, model.body("object").id
         self._grip = model.equality("grip").id
         self.torn, self._opened, self._opens_to = False, np.zeros(5), np.zeros(5)
-        self._kinds = model.geom_contype.copy()
-        self._finger = np.full(model.ngeom, -1)
-        for index, name in enumerate(GRIPPER_GEOMS[:2]):
-            self._finger[model.geom(name).id] = index
+        self._kinds: list[int] = model.geom_contype.tolist()
         self._tool = model.site("tool").id
-        self._gripper = np.zeros(model.ngeom, dtype=bool)
-        self._gripper[[model.geom(name).id for name in GRIPPER_GEOMS]] = True
+        gripper = [model.geom(name).id for name in GRIPPER_GEOMS]
+        self._gripper, self._fingers = set(gripper), {gripper[0]: 0, gripper[1]: 1}
+        self._weight = -model.body_mass[self._object] * model.opt.gravity
         self._near = np.array([model.geom(name).id for name in _NEAR_PARTS])
         self._skin = np.flatnonzero(model.geom_bodyid == self._hand)
         self._hand_center = model.body_ipos[self._hand].copy()
@@ -235,21 +224,22 @@ class World:
             self._model, data, mujoco.mjtObj.mjOBJ_BODY, body, self._velocity, 0
         )
         spin, speed = self._velocity[:3], self._velocity[3:]  # of the hand's centre
-        goal = course.place(elapsed, self._hand_center)
-        goal_speed = course.speed + _cross(course.spin, goal - course.origin(elapsed))
+        goal_turn, rotated, turn = course.quaternion_at(elapsed), np.zeros(3), np.zeros(3)
+        mujoco.mju_rotVecQuat(rotated, self._hand_center, goal_turn)
+        origin = course.origin(elapsed)
+        goal = origin + rotated
+        goal_speed = course.speed + _cross(course.spin, goal - origin)
         away = goal - data.xipos[body]
-        twist = rotation @ course.turn_from(elapsed, data.xquat[body])
-        damping = 2 * np.sqrt(HAND_STIFFNESS * HAND_MASS)
-        turn_damping = 2 * np.sqrt(HAND_TURN_STIFFNESS * HAND_INERTIA)
+        mujoco.mju_subQuat(turn, goal_turn, data.xquat[body])
+        twist = rotation @ turn
         # the spring is the weaker part, so that a hand that comes free does not shoot back
         pull = _at_most(HAND_STIFFNESS * away, 0.6 * HAND_STRENGTH)
-        force = _at_most(pull + damping * (goal_speed - speed), HAND_STRENGTH)
+        force = _at_most(pull + _DAMPING * (goal_speed - speed), HAND_STRENGTH)
         twisting = _at_most(HAND_TURN_STIFFNESS * twist, 0.6 * HAND_TORQUE)
-        torque = _at_most(twisting + turn_damping * (course.spin - spin), HAND_TORQUE)
+        torque = _at_most(twisting + _TURN_DAMPING * (course.spin - spin), HAND_TORQUE)
         if self._released_at is None:
-            weight = -self._model.body_mass[self._object] * self._model.opt.gravity
             arm = data.xipos[self._object] - data.xipos[body]
-            force, torque = force + weight, torque + _cross(arm, weight)
+            force, torque = force + self._weight, torque + _cross(arm, self._weight)
         data.xfrc_applied[body, :3] = force
         data.xfrc_applied[body, 3:] = torque
 
@@ -277,39 +267,40 @@ class World:
 
     def _look_at_contacts(self) -> None:
         """Sum up the forces on the hand, note who presses on the object, and let go in time."""
-        on_hand, on_links, on_object, on_gripper = 0.0, 0.0, np.zeros(2), np.zeros(6)
-        wrench, pads, through, of_object = np.zeros(6), np.zeros(2), np.zeros(3), np.zeros(3)
-        pairs = self._data.contact.geom if self._data.ncon else ()
-        for index, (first, second) in enumerate(pairs):
+        on_hand, on_links, on_object, on_gripper = 0.0, 0.0, [0.0, 0.0], np.zeros(6)
+        wrench, pads, through, of_object = np.zeros(6), [0.0, 0.0], np.zeros(3), np.zeros(3)
+        contacts, tool = self._data.contact, self._data.site_xpos[self._tool]
+        frames, places = contacts.frame, contacts.pos
+        for index, (first, second) in enumerate(contacts.geom.tolist()):
             kinds = self._kinds[first] | self._kinds[second]
             if kinds not in (ROBOT | HAND, ROBOT | OBJECT, HAND | OBJECT):
                 continue
             mujoco.mj_contactForce(self._model, self._data, index, wrench)
+            pushed = frames[index].reshape(3, 3).T @ wrench[:3]  # the second shape
             if kinds == HAND | OBJECT:
-                sign = 1 if self._kinds[second] == HAND else -1
-                of_object += sign * (self._data.contact.frame[index].reshape(3, 3).T @ wrench[:3])
+                of_object += pushed if self._kinds[second] == HAND else -pushed
                 continue
-            force, felt = float(np.linalg.norm(wrench[:3])), np.zeros(6)
-            if self._gripper[first] or self._gripper[second]:
-                felt = self._on_gripper(index, first, second, wrench)
+            force, of_hand = norm(wrench[:3]), kinds == ROBOT | HAND
+            if first in self._gripper or second in self._gripper:
+                felt = pushed if second in self._gripper else -pushed
+                on_gripper[:3] += felt
+                on_gripper[3:] += _cross(places[index] - tool, felt)
+                if not of_hand:
+                    through += felt
             else:
                 on_links += force
-            on_gripper += felt
-            finger = max(self._finger[first], self._finger[second])
-            if finger >= 0:
+            finger = self._fingers.get(first, self._fingers.get(second))
+            if finger is not None:
                 pads[finger] += force
-            if kinds == ROBOT | HAND:
+                on_object[finger] += 0.0 if of_hand else force
+            if of_hand:
                 on_hand += force
-            else:
-                through += felt[:3]
-                if finger >= 0:
-                    on_object[finger] += force
         self._largest_force = max(self._largest_force, on_hand)
-        self.robot.touched(on_gripper, float(pads.min()), on_links, self._model.opt.timestep)
-        pressing = on_object > RELEASE_FORCE
+        self.robot.touched(on_gripper, min(pads), on_links, self._model.opt.timestep)
+        pressing = [force > RELEASE_FORCE for force in on_object]
         self._pressed[pressing] = self.time
         held = self._released_at is None
-        through_hand = float(np.linalg.norm(through if held else of_object))
+        through_hand = norm(through if held else of_object)
         self._largest_through = max(self._largest_through, through_hand)
         if not held:
             return
@@ -317,7 +308,7 @@ class World:
         self.torn = pull > HOLD_FORCE or twist > HOLD_TORQUE
         if self.torn:
             self._let_go()
-        elif not pressing.all():
+        elif not all(pressing):
             self._pressing_since = None
         elif self._pressing_since is None:
             self._pressing_since = self.time
@@ -328,14 +319,7 @@ class World:
         """Force and torque that the hold bears, newtons and N m about the fingertips' middle."""
         rows = self._data.efc_force[self._grip_rows]
         # a weld's last rows are of half the angle
-        return float(np.linalg.norm(rows[:3])), float(np.linalg.norm(rows[3:])) / 2
-
-    def _on_gripper(self, index: int, first: int, second: int, wrench: Array) -> Array:
-        """Force and torque about the tool point of a contact of the gripper, shape (6,)."""
-        sign = int(self._gripper[second]) - int(self._gripper[first])
-        force = sign * (self._data.contact.frame[index].reshape(3, 3).T @ wrench[:3])
-        lever = self._data.contact.pos[index] - self._data.site_xpos[self._tool]
-        return np.concatenate([force, _cross(lever, force)])
+        return norm(rows[:3]), norm(rows[3:]) / 2
 
     def _hand_distance(self) -> float:
         """Smallest distance of gripper, wrist and forearm to the hand, metres; 0 in contact."""
