@@ -19,7 +19,7 @@ from hadr.simulation.camera.room import Room, with_parts
 from hadr.simulation.robot.arm_shape import Part
 from hadr.simulation.world.scenes import HeldScene
 from hadr.synthesis.glass.surfaces import merged
-from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, search_tree
+from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, Hits, search_tree
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.contents import Contents
 
@@ -103,6 +103,14 @@ class MovingView(RayTracer):
         now._clear = [(2, _MovedTree(self._glass_tree, base_from_object))]
         now._all = [*now._solid, *now._clear]
         return now
+
+    def first_at(
+        self, base_from_wrist: Array, base_from_object: Array, origins: Array, directions: Array
+    ) -> Hits:
+        """What `first` gives `at` another moment without an arm, for a few rays (N, 3)."""
+        hand = 1, _MovedTree(self._hand_tree, base_from_wrist)
+        glass = 2, _MovedTree(self._glass_tree, base_from_object)
+        return self._trace([self._solid[0], hand, glass], origins, directions)
 
     def seen(self, camera: Intrinsics, base_from_camera: Array) -> SeenLabels:
         """Cast one ray through every pixel's centre of a camera at a pose (4, 4), metres.

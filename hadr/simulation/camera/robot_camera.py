@@ -146,10 +146,10 @@ class RobotCamera:
     def behind_hand_or_glass(self, points: Array, state: WorldState, scene: HeldScene) -> Mask:
         """Which points (n, 3) of the hand, camera frame, metres, skin or glass hides, (n,)."""
         view = self._view(scene.opened(state.opened))
-        view = view.at(state.base_from_wrist, state.base_from_object, [])
         rays = points @ self.base_from_camera[:3, :3].T
         eyes = np.broadcast_to(self.base_from_camera[:3, 3], rays.shape)
-        behind = 1.0 - view.first(eyes, rays).distance
+        poses = state.base_from_wrist, state.base_from_object
+        behind = 1.0 - view.first_at(*poses, eyes, rays).distance
         hidden: Mask = behind * np.linalg.norm(rays, axis=1) > UNDER_SKIN
         return hidden
 

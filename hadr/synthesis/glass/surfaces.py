@@ -16,6 +16,18 @@ SEGMENTS = 128
 HANDLE_SEGMENTS = 32
 
 
+def dots(first: Array, second: Array) -> Array:
+    """Scalar products of the rows of two (N, 3), shape (N,): sums over threes are slow in numpy."""
+    products = first * second
+    return np.asarray(products[:, 0] + products[:, 1] + products[:, 2])
+
+
+def crosses(first: Array, second: Array) -> Array:
+    """Cross products of the rows of two (N, 3), in half of `np.cross`'s time, shape (N, 3)."""
+    (a, b, c), (x, y, z) = first.T, second.T
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
     """A closed triangle surface with a normal per vertex.
@@ -41,7 +53,7 @@ class Surface:
 def vertex_normals(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
     """Unit outward normals per vertex, the faces' normals weighted by area, shape (V, 3)."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    flat = np.cross(b - a, c - a)
+    flat = crosses(b - a, c - a)
     corners, count = faces.ravel(), len(vertices)
     sums = [np.bincount(corners, np.repeat(column, 3), minlength=count) for column in flat.T]
     normals = np.stack(sums, axis=1)

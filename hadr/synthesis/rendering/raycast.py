@@ -15,7 +15,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 from hadr.camera import Array, Intrinsics, pixel_grid, ray_directions
-from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.glass.surfaces import Surface, crosses, dots
 from hadr.synthesis.scene.contents import Contents
 
 #: What a ray can meet first.
@@ -82,7 +82,7 @@ class Hits(Rows):
 
 def unit(vectors: Array, least: float = 1e-12) -> Array:
     """Vectors (N, 3) scaled to length 1; those shorter than ``least`` stay short."""
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), least))
+    return np.asarray(vectors / np.maximum(np.sqrt(dots(vectors, vectors)), least)[:, None])
 
 
 def _exact(
@@ -100,15 +100,15 @@ def _exact(
         corners = surface.vertices[surface.faces[hits.face[rows]]]
         a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         o, d = origins[rows] - a, directions[rows]
-        p, q = np.cross(d, e2), np.cross(o, e1)
-        det = (e1 * p).sum(1)
+        p, q = crosses(d, e2), crosses(o, e1)
+        det = dots(e1, p)
         flat = np.abs(det) < 1e-12 * np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
         det = np.where(flat, 1.0, det)
-        exact_u = np.where(flat, u[rows], np.clip((o * p).sum(1) / det, 0.0, 1.0))
-        exact_v = np.where(flat, v[rows], (d * q).sum(1) / det)
+        exact_u = np.where(flat, u[rows], np.clip(dots(o, p) / det, 0.0, 1.0))
+        exact_v = np.where(flat, v[rows], dots(d, q) / det)
         exact_v = np.clip(exact_v, 0.0, 1.0 - exact_u)
         to_eye = o - exact_u[:, None] * e1 - exact_v[:, None] * e2
-        along = -(to_eye * d).sum(1)
+        along = -dots(to_eye, d)
         distance[rows], u[rows], v[rows] = along, exact_u, exact_v
         beside[rows] = np.linalg.norm(to_eye + along[:, None] * d, axis=1)
     return Hits(distance, hits.mesh, hits.face, u, v), beside
@@ -208,7 +208,7 @@ class RayCaster:
             some = hits.take(rows)
             smooth[rows] = unit(some.mixed(surface.normals, surface.faces))
             a, b, c = (surface.vertices[surface.faces[some.face, i]] for i in range(3))
-            flat[rows] = unit(np.cross(b - a, c - a), 1e-20)
+            flat[rows] = unit(crosses(b - a, c - a), 1e-20)
         return smooth, flat
 
     def labels(self, camera: Intrinsics, world_from_camera: Array) -> Labels:
@@ -217,7 +217,7 @@ class RayCaster:
         hits, behind = self._first_hits(origins, directions)
         kind = self._kinds[hits.mesh]
         smooth, _ = self.normals(hits)
-        toward = -np.sign((smooth * directions).sum(1, keepdims=True))
+        toward = -np.sign(dots(smooth, directions))[:, None]
         normals = (smooth * toward) @ world_from_camera[:3, :3]
         ahead = ray_directions(camera)[..., 2].ravel()
         shape = camera.shape

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Array
-from hadr.synthesis.rendering.raycast import GLASS, Hits, RayCaster, Rows
+from hadr.synthesis.glass.surfaces import dots
+from hadr.synthesis.rendering.raycast import GLASS, Hits, RayCaster, Rows, unit
 
 Table = TypeVar("Table", bound=Rows)
 
@@ -39,12 +40,12 @@ def refract(direction: Array, normal: Array, ratio: Array) -> tuple[Array, Array
         Bent unit directions (N, 3), not meaningful where all light is reflected, and the
         reflectance (N,): unpolarised Fresnel, 1 at total internal reflection.
     """
-    cos_in = np.clip(-(direction * normal).sum(-1), 0.0, 1.0)
+    cos_in = np.clip(-dots(direction, normal), 0.0, 1.0)
     sin2_out = ratio**2 * (1.0 - cos_in**2)
     total = sin2_out >= 1.0
     cos_out = np.sqrt(np.maximum(1.0 - sin2_out, 0.0))
     bent = ratio[:, None] * direction + (ratio * cos_in - cos_out)[:, None] * normal
-    bent /= np.maximum(np.linalg.norm(bent, axis=-1, keepdims=True), 1e-12)
+    bent = unit(bent)
     across = (ratio * cos_in - cos_out) / np.maximum(ratio * cos_in + cos_out, 1e-12)
     along = (cos_in - ratio * cos_out) / np.maximum(cos_in + ratio * cos_out, 1e-12)
     return bent, np.where(total, 1.0, 0.5 * (across**2 + along**2))
@@ -52,7 +53,7 @@ def refract(direction: Array, normal: Array, ratio: Array) -> tuple[Array, Array
 
 def reflect(direction: Array, normal: Array) -> Array:
     """Mirror unit directions (N, 3) at unit normals (N, 3)."""
-    return np.asarray(direction - 2.0 * (direction * normal).sum(-1, keepdims=True) * normal)
+    return np.asarray(direction - 2.0 * dots(direction, normal)[:, None] * normal)
 
 
 @dataclass(frozen=True)
@@ -93,11 +94,11 @@ def cross(caster: RayCaster, beams: Beams, hits: Hits) -> tuple[Beams, Beams]:
     """
     d = beams.direction
     smooth, flat = caster.normals(hits)
-    entering = (flat * d).sum(1) < 0
+    entering = dots(flat, d) < 0
     sign = np.where(entering, 1.0, -1.0)[:, None]
     against, flat = smooth * sign, flat * sign
     # Where a smooth normal points away from the eye, only the flat one makes sense.
-    wrong = (against * d).sum(1) > -1e-3
+    wrong = dots(against, d) > -1e-3
     against = np.where(wrong[:, None], flat, against)
     length, weight, inside = hits.distance, beams.weight, beams.inside
     absorbed = np.log(np.asarray(caster.contents.transmittance)) * 100.0  # per metre

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Array, Intrinsics, pixel_grid
+from hadr.synthesis.glass.surfaces import dots
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.color_camera import film
 from hadr.synthesis.rendering.raycast import (
@@ -48,11 +49,11 @@ def _skin(
     gloss = hits.mixed(hand.gloss[:, None], hand.surface.faces)
     # Light that seeps around the terminator is red: each channel wraps by its own amount.
     wrap = np.array([0.42, 0.22, 0.16])
-    facing = (normal * key).sum(1)
+    facing = dots(normal, key)
     color = albedo * (sky + light * np.maximum((facing[:, None] + wrap) / (1 + wrap), 0.0))
-    shine = np.maximum((normal * unit(key - d)).sum(1), 0.0)
+    shine = np.maximum(dots(normal, unit(key - d)), 0.0)
     sharp = np.where(gloss[:, 0] > 0.6, 70.0, 18.0)
-    rim = (1 - np.clip(-(normal * d).sum(1), 0, 1)) ** 4
+    rim = (1 - np.clip(-dots(normal, d), 0, 1)) ** 4
     spark = gloss[:, 0] * 0.5 * shine**sharp * np.maximum(facing, 0)
     return np.asarray(color + spark[:, None] * light + 0.10 * rim[:, None] * sky)
 
@@ -105,11 +106,11 @@ class RayTracer(RayCaster):
             rows = np.flatnonzero(hits.mesh == number)
             some, d = hits.take(rows), directions[rows]
             smooth, flat = self.normals(some)
-            toward = -np.sign((flat * d).sum(1, keepdims=True))
+            toward = -np.sign(dots(flat, d))[:, None]
             normal, flat = smooth * toward, flat * toward
             point = origins[rows] + some.distance[:, None] * d
             key, key_light = self._key(point)
-            facing, sky = (normal * key).sum(1), self._sky(normal)
+            facing, sky = dots(normal, key), self._sky(normal)
             lit, open_sky = np.ones((2, len(rows)))
             if rng is not None:
                 lit = self._sunlit(point + 3e-4 * flat, key, rng, facing > -0.4)
@@ -131,19 +132,26 @@ class RayTracer(RayCaster):
         lit = np.ones(len(points))
         rows = np.flatnonzero(wanted)
         d = unit(key[rows] + 0.05 * rng.normal(size=(len(rows), 3)))
-        hits = self._trace(self._solid, points[rows], d)
-        blocked = self._kinds[hits.mesh] == HAND
-        lit[rows] = np.where(blocked & (hits.distance < 0.9), 0.0, 1.0)
+        lit[rows] = np.where(self._hand_hides(points[rows], d, 0.9), 0.0, 1.0)
         return lit
+
+    def _hand_hides(self, points: Array, directions: Array, within: float) -> npt.NDArray[np.bool_]:
+        """Which rays meet the hand first of what is opaque, within so many metres, (N,)."""
+        trees = list(zip(self._opaque, self._solid, strict=True))
+        hand = [tree for (kind, _), tree in trees if kind == HAND]
+        others = [tree for (kind, _), tree in trees if kind != HAND]
+        distance = self._trace(hand, points, directions).distance
+        rows = np.flatnonzero(distance < within)
+        hidden = np.zeros(len(points), dtype=bool)
+        hidden[rows] = distance[rows] < self._trace(others, points[rows], directions[rows]).distance
+        return hidden
 
     def _openness(self, points: Array, normal: Array, rng: np.random.Generator) -> Array:
         """Share of the half space over a point that is free of the hand, from three rays."""
         free = np.zeros(len(points))
         for _ in range(3):
             d = unit(unit(rng.normal(size=points.shape)) + 1.02 * normal)
-            hits = self._trace(self._solid, points, d)
-            blocked = (self._kinds[hits.mesh] == HAND) & (hits.distance < 0.12)
-            free += ~blocked
+            free += ~self._hand_hides(points, d, 0.12)
         return np.asarray(0.30 + 0.70 * free / 3.0)
 
     def radiance(

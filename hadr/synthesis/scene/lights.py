@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Array
+from hadr.synthesis.glass.surfaces import dots
 from hadr.synthesis.textures.noise import look_up, noise, ramp, room_colors
 
 Radiance = npt.NDArray[np.float32]
@@ -88,13 +89,13 @@ class AreaLight:
     half_height: Array
     color: Array
 
-    @property
+    @cached_property
     def normal(self) -> Array:
         """Unit direction in which it shines, shape (3,)."""
         across = np.cross(self.half_width, self.half_height)
         return np.asarray(across / np.linalg.norm(across))
 
-    @property
+    @cached_property
     def area(self) -> float:
         """Square metres."""
         return 4.0 * float(np.linalg.norm(np.cross(self.half_width, self.half_height)))
@@ -118,9 +119,9 @@ class AreaLight:
     def irradiance(self, points: Array, normals: Array) -> Array:
         """Linear RGB irradiance at points of given unit normals, as if it were small, (N, 3)."""
         away = self.center - points
-        squared = np.maximum((away**2).sum(1), 1e-6)
+        squared = np.maximum(dots(away, away), 1e-6)
         away = away / np.sqrt(squared)[:, None]
-        cosines = np.maximum(-(away @ self.normal), 0) * np.maximum((away * normals).sum(1), 0)
+        cosines = np.maximum(-(away @ self.normal), 0) * np.maximum(dots(away, normals), 0)
         return np.asarray((cosines * self.area / squared)[:, None] * self.color)
 
 
