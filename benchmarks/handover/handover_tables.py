@@ -15,6 +15,7 @@ all of its attempts are there; `--write` makes none, and sums up what is there o
 import argparse
 from collections.abc import Iterator
 from contextlib import nullcontext
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,15 +71,10 @@ class Part(NamedTuple):
     made: list[tuple[Path, list[Trial]]]
     changed: dict[str, Any]
 
-    def outcomes(self, jobs: int, *, make: bool) -> list[dict[str, Any]]:
-        """The rows of its attempts: of all, which are made where they are missing, or of some."""
-        found = []
-        for out, trials in self.made:
-            if make:
-                found += run_attempts(trials, out, jobs=jobs, report=say)
-            else:
-                found += [finished_attempt(out, t)[0] for t in trials if is_finished(out, t)]
-        return found
+    @property
+    def attempts(self) -> list[tuple[Path, Trial]]:
+        """Folder and description of each attempt."""
+        return [(out, trial) for out, trials in self.made for trial in trials]
 
 
 def parts(out: Path, file: str, seeds: int) -> Iterator[Part]:
@@ -120,10 +116,17 @@ def main() -> None:
     make_output_folder(args.out)
     with nullcontext() if args.write else sole_owner(args.out, "the handover's tables"):
         for file in [args.only] if args.only else TITLES:
-            rows, missing = [], 0
-            for part in parts(args.out, file, args.seeds):
-                found = part.outcomes(args.jobs, make=not args.write)
-                missing += sum(len(trials) for _, trials in part.made) - len(found)
+            rows, missing, wanted = [], 0, list(parts(args.out, file, args.seeds))
+            if not args.write:  # in one go: what a process has prepared serves all conditions
+                asked = [attempt for part in wanted for attempt in part.attempts]
+                trials, outs = [trial for _, trial in asked], [out for out, _ in asked]
+                made = iter(run_attempts(trials, outs, jobs=args.jobs, report=say))
+            for part in wanted:
+                if args.write:
+                    found = [finished_attempt(*a)[0] for a in part.attempts if is_finished(*a)]
+                else:
+                    found = list(islice(made, len(part.attempts)))
+                missing += len(part.attempts) - len(found)
                 if found:
                     rows.append(condition_row(part.condition, found) | part.changed)
             what = f"{TITLES[file]}; {RULES}; success by HandoverSim's rules"

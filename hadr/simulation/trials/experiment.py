@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -60,13 +59,17 @@ def attempts(
 
 
 def run_attempts(
-    trials: Iterable[Trial], out: Path, *, jobs: int = 1, report: Report | None = None
+    trials: Iterable[Trial],
+    out: Path | Iterable[Path],
+    *,
+    jobs: int = 1,
+    report: Report | None = None,
 ) -> list[dict[str, Any]]:
     """Run attempts, each one that is not finished yet, and give all outcomes in their order.
 
     Args:
         trials: The attempts.
-        out: Folder of their files; made where it is missing.
+        out: Folder of their files, or one for each attempt; made where it is missing.
         jobs: So many at a time, each with one thread: in this process, or each in its own.
         report: Told of each one as it is finished.
 
@@ -75,9 +78,11 @@ def run_attempts(
         ChildProcessError: A process died.
     """
     trials = list(trials)
-    rows = {i: row for i, trial in enumerate(trials) if (row := _finished_row(out, trial))}
-    missing = [i for i in range(len(trials)) if i not in rows]
-    made = run_tasks(partial(_attempt, out=out), [trials[i] for i in missing], jobs)
+    outs = [out] * len(trials) if isinstance(out, Path) else out
+    tasks = list(zip(outs, trials, strict=True))
+    rows = {i: row for i, task in enumerate(tasks) if (row := _finished_row(*task))}
+    missing = [i for i in range(len(tasks)) if i not in rows]
+    made = run_tasks(_attempt, [tasks[i] for i in missing], jobs)
     with closing(made):
         for i, row in chain(list(rows.items()), ((missing[n], row) for n, row in made)):
             rows[i] = row
@@ -113,8 +118,8 @@ def _finished_row(out: Path, trial: Trial) -> dict[str, Any] | None:
     return row
 
 
-def _attempt(trial: Trial, out: Path) -> dict[str, Any]:
-    path = _path(out, trial)
+def _attempt(task: tuple[Path, Trial]) -> dict[str, Any]:
+    path, trial = _path(*task), task[1]
     path.parent.mkdir(parents=True, exist_ok=True)
     sha = digest(trial.record)  # of the code as it is before the attempt
     # sums have one order then, whatever the number of jobs
