@@ -231,36 +231,6 @@ def wrist_axes(keypoints: torch.Tensor) -> torch.Tensor:
     return torch.stack([torch.linalg.cross(y, z), y, z], dim=-1)  # (B, 3, 3)
 
 
-def wrist_frame(keypoints: npt.ArrayLike, side: Side = "right") -> npt.NDArray[np.float64]:
-    """The wrist's pose from 21 keypoints.
-
-    Args:
-        keypoints: Camera frame (or any other), metres, shape (21, 3).
-        side: Which hand it is; says on which side the palm lies.
-
-    Returns:
-        ``camera_from_wrist``, shape (4, 4), a proper rigid transform.
-
-    Raises:
-        ValueError: The keypoints have another shape or are not finite, or wrist and knuckles lie
-            on one line, so that no palm is defined.
-    """
-    import torch
-
-    points = check_keypoints(keypoints)
-    rotation = wrist_axes(torch.tensor(points)[None])[0].numpy()
-    if abs(np.linalg.det(rotation) - 1.0) > 1e-6:
-        raise ValueError("wrist, index, middle and little knuckle lie on one line: no palm plane")
-    if side == "left":
-        rotation = rotation * np.array([-1.0, 1.0, -1.0])
-    elif side != "right":
-        raise ValueError(f"side must be 'right' or 'left', got {side!r}")
-    camera_from_wrist = np.eye(4)
-    camera_from_wrist[:3, :3] = rotation
-    camera_from_wrist[:3, 3] = points[0]
-    return camera_from_wrist
-
-
 def absolute_hand_feature(keypoints: torch.Tensor, *, wrist_rotation: bool = True) -> torch.Tensor:
     """The holding pose itself, F_hand^abs, (B, 63): keypoints in the wrist frame, metres.
 

@@ -22,7 +22,6 @@ from hadr.hand import (
     relative_hand_feature,
     wrist_axes,
     wrist_depth_at,
-    wrist_frame,
 )
 
 LONG_FINGERS = ("index", "middle", "ring", "little")
@@ -211,36 +210,16 @@ def test_bad_hand_shape():
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_wrist_frame_recovers_the_pose_that_placed_the_hand(side):
-    """The flat hand's own frame is the identity, so its pose comes back whole."""
+def test_wrist_axes_recover_the_pose_that_placed_the_hand(side):
+    """The flat hand's own axes are the frame's; on a left hand x and z point the other way."""
     keypoints = keypoints_from_skeleton(
         forward_kinematics(np.zeros(20), HandShape(side=side)).joints
     )
-    np.testing.assert_allclose(wrist_frame(keypoints, side), np.eye(4), atol=1e-12)
+    signs = (1, 1, 1) if side == "right" else (-1, 1, -1)
     camera_from_wrist = random_motion(np.random.default_rng(8))
-    moved = transform_points(camera_from_wrist, keypoints)
-    np.testing.assert_allclose(wrist_frame(moved, side), camera_from_wrist, atol=1e-12)
-
-
-def test_a_hand_on_one_line_has_no_palm():
-    line = np.linspace(0, 1, 21)[:, None] * np.array([0.1, 0.2, 0.3]) + (0, 0, 0.7)
-    with pytest.raises(ValueError, match="lie on one line: no palm plane"):
-        wrist_frame(line)
-    with pytest.raises(ValueError, match="lie on one line: no palm plane"):
-        wrist_frame(np.tile([0.0, 0.0, 0.7], (21, 1)))
-
-
-@pytest.mark.filterwarnings("error")
-def test_read_only_keypoints_have_a_wrist_frame_without_a_warning():
-    keypoints = hand_in_camera()
-    expected = wrist_frame(keypoints)
-    keypoints.flags.writeable = False
-    np.testing.assert_array_equal(wrist_frame(keypoints), expected)
-
-
-def test_unknown_side_of_the_wrist_frame():
-    with pytest.raises(ValueError, match="side must be 'right' or 'left', got 'up'"):
-        wrist_frame(hand_in_camera(), "up")
+    for pose in (np.eye(4), camera_from_wrist):
+        axes = wrist_axes(torch.tensor(transform_points(pose, keypoints))[None])[0].numpy()
+        np.testing.assert_allclose(axes * signs, pose[:3, :3], atol=1e-12)
 
 
 def test_check_keypoints_names_what_is_wrong():
@@ -249,7 +228,7 @@ def test_check_keypoints_names_what_is_wrong():
     broken = hand_in_camera()
     broken[4, 1], broken[17, 0] = np.nan, np.inf
     with pytest.raises(ValueError, match="must be finite; not so: thumb_tip, little_mcp"):
-        wrist_frame(broken)
+        check_keypoints(broken)
 
 
 # The two hand features

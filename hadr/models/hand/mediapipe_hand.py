@@ -6,8 +6,7 @@ has a pixel and a depth relative to the wrist's, and the camera's depth at the w
 A wrist is often hidden, so `lift_landmarks` asks all landmarks that are seen.
 
 MediaPipe is no part of this library: it is the extra "mediapipe", and `hadr hand-model` makes its
-model's file. Only `MediaPipeHand` needs them; what follows on its result (`lift_landmarks`) does
-not.
+model's file. Only `MediaPipeHand` needs them; `lift_landmarks`, which follows on it, does not.
 
 Of the two depths relative to the wrist's that MediaPipe gives, the landmarks' own is taken: it
 erred by 16.9 mm on 117 photographs of real hands, of which it found 116, that of its world
@@ -25,7 +24,7 @@ import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -33,10 +32,9 @@ from scipy import ndimage
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics
 from hadr.frame_io import quiet
-from hadr.hand import KEYPOINT_NAMES, lift_keypoints, wrist_depth_at
+from hadr.hand import KEYPOINT_NAMES, lift_keypoints
 from hadr.models.hand.plausible import LEAST_SEEN, NoHandError, median_depth
 
-By = Literal["all", "wrist"]
 NEAR_PIXELS = 2
 """How many pixels around a landmark's are looked at for its depth."""
 HANDS = 4
@@ -64,10 +62,10 @@ def lift_landmarks(
     hand_mask: BoolArray | None = None,
     *,
     beside: BoolArray | None = None,
-    by: By = "all",
 ) -> npt.NDArray[np.float64]:
     """Lift the landmarks of a hand to 3D by the depth at their pixels.
 
+    Each at whose pixel depth was measured says how far away the wrist is, and their median counts.
     The camera measures the skin, one or two centimetres in front of the joint; as in the paper no
     correction is made, so all points lie that much too near.
 
@@ -78,15 +76,13 @@ def lift_landmarks(
         hand_mask: Only depth of these pixels counts, shape (H, W); all where it is left out.
         beside: Pixels of what the hand holds, shape (H, W): of several hands the one whose
             landmarks are the nearest to them is taken; the first one where it is left out.
-        by: "all": each landmark at whose pixel depth was measured says how far away the wrist is,
-            and their median counts; "wrist": the depth at the wrist's pixel, as in the paper.
 
     Returns:
         Camera frame, metres, shape (21, 3).
 
     Raises:
-        NoHandError: No hand was found, depth is known at too few of its landmarks, or at none of
-            the wrist's; or a keypoint would lie behind the camera.
+        NoHandError: No hand was found, depth is known at too few of its landmarks, or a keypoint
+            would lie behind the camera.
         ValueError: It has not 21 landmarks, or one is not finite; or an image is of another size.
     """
     if depth.shape != camera.shape:
@@ -103,31 +99,15 @@ def lift_landmarks(
     # Of the wrist's depth so many times more: z is in picture widths at that depth.
     deeper = (picture[:, 2] - picture[0, 2]) * camera.width / camera.fx
     try:
-        if by == "wrist":
-            wrist = _at_wrist(depth, uv[0], camera, hand_mask)
-        else:
-            seen = depth if hand_mask is None else np.where(hand_mask, depth, 0)
-            measured = np.array([median_depth(seen, pixel, NEAR_PIXELS) for pixel in uv])
-            known = np.isfinite(measured)
-            if known.sum() < LEAST_SEEN:
-                raise ValueError(f"depth is known at {known.sum()} of its 21 landmarks alone")
-            wrist = float(np.median((measured / (1 + deeper))[known]))
+        seen = depth if hand_mask is None else np.where(hand_mask, depth, 0)
+        measured = np.array([median_depth(seen, pixel, NEAR_PIXELS) for pixel in uv])
+        known = np.isfinite(measured)
+        if known.sum() < LEAST_SEEN:
+            raise ValueError(f"depth is known at {known.sum()} of its 21 landmarks alone")
+        wrist = float(np.median((measured / (1 + deeper))[known]))
         return lift_keypoints(uv, deeper * wrist, wrist, camera)
     except ValueError as error:
         raise NoHandError(f"what it sees can't be lifted to 3D: {error}") from error
-
-
-def _at_wrist(
-    depth: FloatArray, pixel: FloatArray, camera: Intrinsics, hand_mask: BoolArray | None
-) -> float:
-    """Depth at the wrist's pixel (u, v), metres."""
-    u, v = pixel
-    if not (-0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5):
-        raise ValueError(
-            f"the wrist lies outside of the picture, at pixel ({u:.0f}, {v:.0f}) of "
-            f"{camera.width} x {camera.height}"
-        )
-    return wrist_depth_at(depth, pixel, hand_mask)
 
 
 def _coordinates(landmarks: Sequence[Landmark]) -> npt.NDArray[np.float64]:
