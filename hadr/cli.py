@@ -40,10 +40,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "hadr.press.own_frames.restore_command",
         "restore the depth of a transparent object in a frame",
     ),
-    "view": (
-        "hadr.press.own_frames.view_command",
-        "turn a restored cloud in the browser",
-    ),
+    "view": ("hadr.press.own_frames.view_command", "turn a restored cloud in the browser"),
     "hand-model": (
         "hadr.models.hand.hand_model_command",
         "make the model that MediaPipe finds hands with",
@@ -63,10 +60,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "hadr.training.calibrate_command",
         "teach a checkpoint what its confidence means",
     ),
-    "handover": (
-        "hadr.simulation.trials.command",
-        "let a simulated UR5 take glasses from a hand",
-    ),
+    "handover": ("hadr.simulation.trials.command", "let a simulated UR5 take glasses from a hand"),
     "evaluate": ("hadr.experiments.evaluate_command", "score networks beside simple methods"),
 }
 
@@ -148,7 +142,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog="hadr",
         usage="hadr COMMAND [options]",
         description=DESCRIPTION,
-        epilog=EPILOG.format(commands=_command_list()),
+        epilog=EPILOG.format(
+            commands="\n".join(f"  {name:<11} {told}" for name, (_, told) in COMMANDS.items())
+        ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"hadr {__version__}")
@@ -274,8 +270,10 @@ def _run_command(name: str, words: list[str]) -> int:
         print(f"{program}: interrupted", file=sys.stderr)
         return 130
     except Exception as error:
-        short = _is_out_of_memory(error)
-        if not (isinstance(error, TOLD) or short) or _is_own_import(error):
+        named = type(error).__name__ == "OutOfMemoryError"  # PyTorch's; it is not imported here
+        short = named or isinstance(error, MemoryError) or "DefaultCPUAllocator" in str(error)
+        own = isinstance(error, ImportError) and f"{error.name}.".startswith("hadr.")
+        if own or not (isinstance(error, TOLD) or short):
             traceback.print_exc()
             print(
                 f"{program}: this is a bug in hadr: please report it with the command and the text "
@@ -297,21 +295,6 @@ def _run_command(name: str, words: list[str]) -> int:
         sentence = " ".join("; ".join((told, *getattr(error, "__notes__", ()))).split())
         print(f"{program}: error: {sentence}", file=sys.stderr)
         return 1 if full or short else 2
-
-
-def _is_own_import(error: Exception) -> bool:
-    """Whether it is a module of hadr, or a name in one, that could not be imported."""
-    return isinstance(error, ImportError) and f"{error.name}.".startswith("hadr.")
-
-
-def _is_out_of_memory(error: Exception) -> bool:
-    """Whether it is memory that was missing, a GPU's or the machine's."""
-    named = type(error).__name__ == "OutOfMemoryError"  # PyTorch's; it is not imported here
-    return named or isinstance(error, MemoryError) or "DefaultCPUAllocator" in str(error)
-
-
-def _command_list() -> str:
-    return "\n".join(f"  {name:<11} {summary}" for name, (_, summary) in COMMANDS.items())
 
 
 if __name__ == "__main__":

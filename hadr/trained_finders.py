@@ -220,11 +220,7 @@ def find_masks(
 
 
 def given_hand(
-    keypoints: Points,
-    depth: FloatArray,
-    camera: Intrinsics,
-    glass: BoolArray,
-    notes: list[str],
+    keypoints: Points, depth: FloatArray, camera: Intrinsics, glass: BoolArray, notes: list[str]
 ) -> Hand:
     """Hold a given hand against the frame, as `find_hand` does, and note what does not fit."""
     hand = Hand(keypoints, GIVEN, check_hand(keypoints, depth, camera, glass, given=True))

@@ -17,13 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hadr.camera import (
-    BoolArray,
-    Intrinsics,
-    resize_depth,
-    resize_mask,
-    window_around,
-)
+from hadr.camera import BoolArray, Intrinsics, resize_depth, resize_mask, window_around
 from hadr.confidence.calibration import ConfidenceRule, signal_of, within_learned
 from hadr.confidence.frame_features import torn
 from hadr.confidence.known_ground import Ground, Verdict

@@ -64,12 +64,7 @@ def coarse_dropout(color: Float, rng: np.random.Generator) -> Float:
     return dropped
 
 
-CHANGES = (
-    (0.1, bright_patches),
-    (0.3, color_jitter),
-    (0.2, blur_or_noise),
-    (0.2, coarse_dropout),
-)
+CHANGES = ((0.1, bright_patches), (0.3, color_jitter), (0.2, blur_or_noise), (0.2, coarse_dropout))
 """Each with the probability that the published code gives it."""
 
 

@@ -23,13 +23,7 @@ from hadr.models.backbone import BackboneConfig, ColorBackbone
 from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.config import NetworkConfig
 from hadr.models.decoders import OffsetDecoder, PairDecoder, encode_position, leaky_clamp
-from hadr.models.network_input import (
-    DepthOutput,
-    HADRInput,
-    float_color,
-    masked_rays,
-    ray_points,
-)
+from hadr.models.network_input import DepthOutput, HADRInput, float_color, masked_rays, ray_points
 from hadr.models.ray_features import RayFeatures, features_at
 from hadr.models.voxel_features import VoxelFeatures
 from hadr.models.window import WindowConfig, through_window

@@ -76,9 +76,7 @@ def kept(maxsize: int) -> Callable[[Callable[..., Result]], _lru_cache_wrapper[R
     return decorate
 
 
-def kept_by_file(
-    maxsize: int,
-) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
+def kept_by_file(maxsize: int) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
     """Decorate a function of paths alone as `kept` does, of so many results.
 
     It is called anew where the time or size of a file differs, or a file has come or gone.

@@ -162,11 +162,7 @@ class SwinDRNet(nn.Module):
         image = (1 - share) * raw + share * initial
         restored = inputs.mask & (image > 0)
         return SwinDRNetOutput(
-            depth=image * restored,
-            restored=restored,
-            image=image,
-            initial=initial,
-            share=share,
+            depth=image * restored, restored=restored, image=image, initial=initial, share=share
         )
 
 

@@ -71,26 +71,18 @@ def restored_pixels(
     batch_size: int = 8,
 ) -> RestoredPixels:
     """Restore frames; collect error and signal of each restored pixel of the object."""
-    sure = NETWORKS[kind_of(model)].can_say
-    errors, numbers, signals = [], [], []
-    first, scorable = 0, 0
-    for output in predict(model, frames, batch_size):
-        count = len(output.depth)
-        truth = frames.true_depth[first : first + count]
-        scored = frames.object_mask[first : first + count] & (truth > 0)
-        scorable += int(scored.sum())
-        kept = scored & within_learned(output, depth_range_m).cpu()
-        errors.append((output.depth.cpu() - truth)[kept].numpy().astype(np.float64))
-        numbers.append(kept.nonzero()[:, 0].numpy() + first)
-        if sure:
-            signals.append(signal_of(output).cpu()[kept].numpy())
-        first += count
-    error = np.concatenate(errors)
+    outputs, truth = predict(model, frames, batch_size), frames.true_depth
+    depth = torch.cat([output.depth.cpu() for output in outputs])
+    within = torch.cat([within_learned(output, depth_range_m).cpu() for output in outputs])
+    scorable = frames.object_mask & (truth > 0)
+    kept, signal = scorable & within, None
+    if NETWORKS[kind_of(model)].can_say:
+        signal = torch.cat([signal_of(output).cpu() for output in outputs])[kept].numpy()
     return RestoredPixels(
-        signal=np.concatenate(signals) if sure else None,
-        error_m=error,
-        frame=np.concatenate(numbers),
-        coverage=len(error) / max(scorable, 1),
+        signal=signal,
+        error_m=(depth - truth)[kept].double().numpy(),
+        frame=kept.nonzero()[:, 0].numpy(),
+        coverage=int(kept.sum()) / max(int(scorable.sum()), 1),
     )
 
 

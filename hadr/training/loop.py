@@ -28,7 +28,7 @@ from hadr.training.frames.augmentation import augment_frames
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 from hadr.training.tasks.diagnosis import gradient_norms
-from hadr.training.tasks.pictures import save_png
+from hadr.training.tasks.pictures import depth_picture, save_png
 from hadr.training.tasks.task import Task
 from hadr.training.training_folder import TrainingFolder
 
@@ -52,7 +52,6 @@ def train(
     frames: FrameTensors,
     validation: FrameTensors | None = None,
     *,
-    task: Task | None = None,
     folder: str | Path | None = None,
     seed: int = 0,
     data: Mapping[str, Any] | None = None,
@@ -70,8 +69,6 @@ def train(
         recipe: What to train, and how.
         frames: Training frames at the recipe's size.
         validation: Frames that are only scored, after each epoch.
-        task: How the network is built, scored and validated; that of the recipe's network where
-            it is left out.
         folder: Where `last.safetensors`, `best.safetensors` (the best validation score), their
             records, `history.csv` and pictures of validation frames go; None writes nothing.
         seed: Seed of weights, shuffling, stochastic depth and augmentation.
@@ -97,7 +94,7 @@ def train(
     """
     if validation is not None:
         validation = evenly(validation, recipe.validation_frames)
-    task = task or Task(recipe)
+    task = Task(recipe)
     workers = batch_workers(torch.device(device))
     torch.manual_seed(seed)
     network = task.build().to(device)
@@ -140,7 +137,7 @@ def train(
             sampler=chosen,
             num_workers=workers,
             multiprocessing_context="fork" if workers else None,  # they share the frames
-            worker_init_fn=_one_opencv_thread,
+            worker_init_fn=lambda _: cv2.setNumThreads(0),  # it can't use those of its parent
             generator=torch.Generator(),  # else it would draw from that of stochastic depth
         )
         for step, batch in enumerate(batches):
@@ -158,7 +155,11 @@ def train(
                 average.update_parameters(network)
 
             numbers = {name: float(value.detach()) for name, value in (losses | norms).items()}
-            _check_finite(numbers["loss"], epoch, step)
+            if not math.isfinite(numbers["loss"]):
+                raise FloatingPointError(
+                    f"the loss is {numbers['loss']} in epoch {epoch + 1}, step {step + 1}; a lower "
+                    "learning_rate, warmup_epochs or clip_norm may help"
+                )
             seen += len(batch)
             for name, value in numbers.items():
                 sums[name] = sums.get(name, 0.0) + value * len(batch)
@@ -168,17 +169,16 @@ def train(
         row = {"epoch": float(epoch), "rate": recipe.rate(epoch)}
         row |= {name: value / seen for name, value in sums.items()}
         result = (network if average is None else average.module).eval()
-        scores: dict[str, float] = {}
-        if validation is not None:
-            scores = task.validate(result, validation, recipe.batch_size)
+        scores = task.validate(result, validation, recipe.batch_size) if validation else {}
         row |= scores
         row["seconds"] = time.perf_counter() - started
         history.append(row)
         if watch is not None:
             watch(epoch, result)
         if home is not None:
-            if validation is not None and early_look(epoch, recipe.epochs):
-                _draw(task, result, validation, home.path / "pictures" / f"{epoch + 1:04d}.png")
+            if validation and task.restores_depth and early_look(epoch, recipe.epochs):
+                path = home.path / "pictures" / f"{epoch + 1:04d}.png"
+                save_png(path, depth_picture(result, validation))
             home.save(network, result, optimizer, history, next(iter(scores), None))
         if events is not None:
             for name, value in row.items():
@@ -200,11 +200,6 @@ def chosen_device(wish: str) -> str:
 def batch_workers(device: torch.device) -> int:
     """Say how many processes augment the next batches: up to 4, that no GPU waits for them."""
     return 0 if device.type == "cpu" else min(4, usable_cores() - 1)
-
-
-def _one_opencv_thread(_: int) -> None:
-    """Keep OpenCV in a forked process to one thread: it can't use those that its parent had."""
-    cv2.setNumThreads(0)
 
 
 @dataclass(frozen=True)
@@ -269,19 +264,6 @@ def early_look(epoch: int, epochs: int) -> bool:
     """Say whether an epoch's picture is drawn: the first, second, fourth, eighth, ..., last."""
     done = epoch + 1
     return done == epochs or done & (done - 1) == 0
-
-
-def _check_finite(loss: float, epoch: int, step: int) -> None:
-    if not math.isfinite(loss):
-        raise FloatingPointError(
-            f"the loss is {loss} in epoch {epoch + 1}, step {step + 1}; a lower learning_rate, "
-            "warmup_epochs or clip_norm may help"
-        )
-
-
-def _draw(task: Task, model: nn.Module, frames: FrameTensors, path: Path) -> None:
-    if (picture := task.picture(model, frames)) is not None:
-        save_png(path, picture)
 
 
 def _events(folder: Path, epochs: int) -> Any:

@@ -15,12 +15,7 @@ from torch.nn import functional
 
 from hadr.models.hadr import HADROutput
 from hadr.models.network_input import masked_rays, ray_points
-from hadr.ray_voxels import (
-    VoxelGrid,
-    pair_of_true_point,
-    segment_argmax,
-    segment_log_softmax,
-)
+from hadr.ray_voxels import VoxelGrid, pair_of_true_point, segment_argmax, segment_log_softmax
 
 DepthNorm = Literal["xyz", "z"]
 
@@ -162,10 +157,7 @@ def hadr_losses(
 
     nowhere = torch.full_like(true_points, torch.nan)
     true_pair = pair_of_true_point(
-        output.pairs,
-        output.occupied,
-        torch.where(counts[:, None], true_points, nowhere),
-        grid,
+        output.pairs, output.occupied, torch.where(counts[:, None], true_points, nowhere), grid
     )  # (rays,)
     segments = (output.pairs.ray, output.pairs.n_rays)
     log_probability = segment_log_softmax(output.logits, *segments)

@@ -147,8 +147,7 @@ _LIDF_TINY = replace(
     _HADR_TINY,
     network="lidf",
     model=LIDFConfig(
-        backbone=DilatedResNetConfig(widths=(16, 32, 64, 128), depths=(1, 1, 1, 1)),
-        max_points=1500,
+        backbone=DilatedResNetConfig(widths=(16, 32, 64, 128), depths=(1, 1, 1, 1)), max_points=1500
     ),
     weights=LIDF_WEIGHTS,
     drop_epoch=8,
@@ -389,8 +388,5 @@ def recipe_from_dict(values: Mapping[str, Any]) -> Preset:
     """
     model = network_of(str(values.get("network"))).config_class()
     own = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
-    parts = {
-        "model": model.from_dict(values["model"]),
-        "weights": LossWeights(**values["weights"]),
-    }
+    parts = {"model": model.from_dict(values["model"]), "weights": LossWeights(**values["weights"])}
     return Preset(**{**own, **parts})

@@ -159,9 +159,9 @@ class Preset:
         """
         rate = self.learning_rate if start is None else start
         if self.schedule == "cosine":
-            rate *= 0.5 * (
-                1 + math.cos(math.pi * self._in_cosine(min(progress / self.epochs, 1.0)))
-            )
+            share, ends = min(progress / self.epochs, 1.0), (0.0, *self.restarts, 1.0)
+            begin, end = next(pair for pair in pairwise(ends) if share < pair[1] or pair[1] == 1)
+            rate *= 0.5 * (1 + math.cos(math.pi * (share - begin) / (end - begin)))
         elif self.milestones:
             rate *= self.decay ** sum(progress >= m * self.epochs for m in self.milestones)
         elif progress >= self.drop_epoch:
@@ -169,12 +169,6 @@ class Preset:
         if progress < self.warmup_epochs:
             rate *= progress / self.warmup_epochs
         return rate
-
-    def _in_cosine(self, share: float) -> float:
-        """Say how far its present cosine is, from 0 to 1."""
-        ends = (0.0, *self.restarts, 1.0)
-        begin = max(end for end in ends[:-1] if end <= share)
-        return (share - begin) / (ends[ends.index(begin) + 1] - begin)
 
     def to_dict(self) -> dict[str, Any]:
         """The recipe as built-in types, for JSON (`record_of`)."""

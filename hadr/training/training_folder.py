@@ -8,6 +8,7 @@ at any moment: `resume` brings the rest into line with the last whole epoch.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
@@ -109,8 +110,19 @@ class TrainingFolder:
 
         `result` is the network, or its average; smallest `score` of the history is the best epoch.
         """
-        state = adam_state(optimizer)
-        meta = self._meta(history, score, device_name(network))
+        state, device = adam_state(optimizer), next(network.parameters()).device
+        named = torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
+        meta = {
+            "width": self.recipe.width,
+            "height": self.recipe.height,
+            "preset": self.recipe.to_dict(),
+            "seed": self.seed,
+            "data": None if self.data is None else dict(self.data),
+            "epochs": len(history),
+            "score": score,
+            "history": history,
+            "made_with": {**self.origin, "threads": torch.get_num_threads(), "device": named},
+        }
         if result is not network:
             state |= {_RAW + name: values for name, values in network.state_dict().items()}
         save_checkpoint(self.path / LAST, result, meta, training_state=state)
@@ -147,32 +159,14 @@ class TrainingFolder:
             {name: math.nan if value is None else value for name, value in row.items()}
             for row in reached.history
         ]
-        newest_is_best = best_epoch(history, reached.score) == len(history)
-        if newest_is_best and self._epochs_of(BEST) != len(history):
-            save_checkpoint(self.path / BEST, earlier, meta)
+        if best_epoch(history, reached.score) == len(history):
+            there = None
+            with contextlib.suppress(FileNotFoundError, ValueError):
+                there = load_checkpoint(self.path / BEST)[1].get("epochs")
+            if there != len(history):
+                save_checkpoint(self.path / BEST, earlier, meta)
         self._write_history(history)
         return history
-
-    def _meta(self, history: History, score: str | None, device: str) -> dict[str, Any]:
-        return {
-            "width": self.recipe.width,
-            "height": self.recipe.height,
-            "preset": self.recipe.to_dict(),
-            "seed": self.seed,
-            "data": None if self.data is None else dict(self.data),
-            "epochs": len(history),
-            "score": score,
-            "history": history,
-            "made_with": {**self.origin, "threads": torch.get_num_threads(), "device": device},
-        }
-
-    def _epochs_of(self, name: str) -> int | None:
-        """Epochs of a checkpoint in the folder; None where there is no whole one."""
-        try:
-            epochs = load_checkpoint(self.path / name)[1].get("epochs")
-        except (FileNotFoundError, ValueError):
-            return None
-        return epochs if isinstance(epochs, int) else None
 
     def _write_history(self, history: History) -> None:
         path = self.path / HISTORY
@@ -217,12 +211,6 @@ def _as_csv(history: History) -> bytes:
     writer.writeheader()
     writer.writerows(history)
     return text.getvalue().encode()
-
-
-def device_name(network: nn.Module) -> str:
-    """Say what a network lies on: "cpu", or a GPU's name."""
-    device = next(network.parameters()).device
-    return torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
 
 
 def best_epoch(history: History, score: str | None) -> int | None:

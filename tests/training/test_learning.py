@@ -21,7 +21,7 @@ from hadr.training.evaluation import predict_depth
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import train
 from hadr.training.recipe import Preset
-from hadr.training.tasks.task import Task
+from hadr.training.tasks.pictures import depth_picture
 
 PLAIN = Preset(
     "micro", 32, 24, schedule="cosine", batch_size=4, augment=False, clip_norm=1.0, epochs=100
@@ -56,7 +56,7 @@ def learn_by_heart(recipe: Preset, few: FrameTensors) -> None:
     miss, mask = predict_depth(trained.model, few) - few.true_depth.numpy(), few.object_mask.numpy()
     of_frames = [(miss[n][mask[n]] ** 2).mean() ** 0.5 for n in range(len(few))]
     assert sum(of_frames) / len(few) == pytest.approx(error[-1], rel=1e-3)
-    assert Task(recipe).picture(trained.model, few).shape[2] == 3
+    assert depth_picture(trained.model, few).shape[2] == 3
 
 
 @pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: recipe.network)

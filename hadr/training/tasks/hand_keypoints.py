@@ -15,12 +15,7 @@ from torch.nn import functional
 
 from hadr.hand import FINGERS
 from hadr.models.hand.cube import HandCube
-from hadr.models.hand.keypoints import (
-    MAP_STRIDE,
-    HandKeypointNet,
-    hand_cube,
-    predict_keypoints,
-)
+from hadr.models.hand.keypoints import MAP_STRIDE, HandKeypointNet, hand_cube, predict_keypoints
 from hadr.models.hand.weighted_regression import JointMaps, joints_of_maps, maps_of_joints
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.losses import mean_of

@@ -24,7 +24,6 @@ from hadr.training.evaluation import evaluate
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 from hadr.training.tasks.diagnosis import diagnose
-from hadr.training.tasks.pictures import Picture, depth_picture
 
 Loss = Callable[[Preset, nn.Module, FrameTensors, int, torch.Generator], dict[str, Tensor]]
 """Scores a batch in training: recipe, network (called as a whole, never its parts), some frames,
@@ -50,6 +49,7 @@ class Task:
                 f"got {type(recipe.model).__name__}"
             )
         self._module = importlib.import_module(self.kind.training)
+        self.restores_depth = self.kind.answer == "depth"
 
     def build(self) -> nn.Module:
         """Build the network with fresh weights from torch's seeded generator, or named ones."""
@@ -67,13 +67,9 @@ class Task:
         """Score the network: numbers by name, of which the first decides; smaller is better."""
         validate: Any = getattr(self._module, "validate", validate_depth)
         scores: dict[str, float] = validate(model, frames, batch_size)
-        if self.kind.answer == "depth":
+        if self.restores_depth:
             scores |= diagnose(model, self.kind, frames, batch_size)
         return scores
-
-    def picture(self, model: nn.Module, frames: FrameTensors) -> Picture | None:
-        """Draw restored depth beside the truth: RGB, (H, W, 3); None for another network."""
-        return depth_picture(model, frames) if self.kind.answer == "depth" else None
 
 
 def validate_depth(model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:
