@@ -225,17 +225,10 @@ def ray_directions(camera: Intrinsics) -> npt.NDArray[np.float64]:
 
 
 def transform_points(transform: npt.ArrayLike, points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Apply a rigid transform to points.
+    """Apply a rigid transform ``left_from_right``, (4, 4), e.g. ``camera_from_world``, to points.
 
-    Args:
-        transform: ``left_from_right``, shape (4, 4), e.g. ``camera_from_world``.
-        points: In the frame on the transform's right, metres, shape (..., 3).
-
-    Returns:
-        The points in the frame on its left, metres, shape (..., 3).
-
-    Raises:
-        ValueError: A shape differs.
+    They are in metres, (..., 3), in the frame on the transform's right, and what is given in that
+    on its left. ValueError where a shape differs.
     """
     t, p = np.asarray(transform, dtype=float), np.asarray(points, dtype=float)
     if t.shape != (4, 4):
@@ -246,17 +239,10 @@ def transform_points(transform: npt.ArrayLike, points: npt.ArrayLike) -> npt.NDA
 
 
 def window_around(mask: BoolArray, margin: int) -> tuple[slice, slice]:
-    """The rows and columns of a mask's bounding box and some pixels around it.
+    """The rows and columns of a mask's bounding box, (H, W), and of `margin` pixels around it.
 
-    Args:
-        mask: Shape (H, W).
-        margin: Pixels to add on each side; the window ends at the image's border.
-
-    Returns:
-        (rows, columns), to be used as ``image[window_around(mask, 20)]``.
-
-    Raises:
-        ValueError: The mask is empty.
+    They end at the image's border, and are used as ``image[window_around(mask, 20)]``. ValueError
+    where the mask is empty.
     """
     if not mask.any():
         raise ValueError(f"the mask is empty: none of its {mask.size} pixels is set")

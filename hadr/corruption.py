@@ -26,7 +26,6 @@ class CorruptionConfig:
         see_through: Inside the mask the depth is missing or the background's.
         stereo: Disparity noise and quantisation of a stereo camera.
         edges: Flying pixels and shifted outlines at depth jumps.
-        ellipses: Ellipse dropout over the whole image.
         captured: Start from the depth that a camera, real or simulated, has measured, and not
             from the true one (see `hadr.synthesis.depth_sensor.depth_camera`).
     """
@@ -35,7 +34,6 @@ class CorruptionConfig:
     see_through: bool = False
     stereo: bool = False
     edges: bool = False
-    ellipses: bool = False
     captured: bool = False
 
 
@@ -109,15 +107,9 @@ def ellipse_dropout(
 
 
 def depth_jumps(depth: FloatArray, jump_m: float = 0.02, width_px: int = 1) -> BoolArray:
-    """Find the pixels near a depth discontinuity; missing pixels make no jump.
+    """Find the pixels of depth (H, W), metres, at most `width_px` from where it jumps: (H, W) bool.
 
-    Args:
-        depth: z-depth in metres, shape (H, W).
-        jump_m: Smallest difference within a 3x3 window that counts, metres.
-        width_px: How far from the jump a pixel still counts, pixels.
-
-    Returns:
-        True near a jump, shape (H, W).
+    The smallest difference within a 3x3 window that counts is `jump_m`; missing pixels make none.
     """
     near, far = _near_and_far(depth, 3)
     jump = (far - near) > jump_m
@@ -290,8 +282,6 @@ def corrupt(
         corrupted = stereo_noise(corrupted, camera, rng)
     if config.edges:
         corrupted = edge_noise(corrupted, rng)
-    if config.ellipses:
-        corrupted = ellipse_dropout(corrupted, None, rng)
     return erase_mask(corrupted, mask) if config.erase else corrupted
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from scipy.special import expit
 from hadr.camera import BoolArray, FloatArray, Intrinsics, resize_color, resize_mask
 from hadr.frame_checks import check_apart, check_mask_form, checked_mask
 from hadr.models.hand.plausible import HandCheck, NoHandError, check_hand
+
+if TYPE_CHECKING:
+    from hadr.models.hand.mediapipe_hand import MediaPipeHand
 
 GIVEN = "given"
 """The source of a hand that the caller gave."""
@@ -105,11 +108,11 @@ class HandKeypoints:
     def find(
         self,
         color: NDArray[np.uint8],
-        depth: NDArray[np.float32],
+        depth: FloatArray,
         camera: Intrinsics,
         mask: BoolArray,
         hand_mask: BoolArray | None,
-    ) -> NDArray[np.float64]:
+    ) -> Points:
         """Find the keypoints: camera frame, metres, (21, 3).
 
         Args:
@@ -138,26 +141,8 @@ class HandKeypoints:
         return np.asarray(found.double().numpy())
 
 
-class HandFinder(Protocol):
-    """What finds a hand's keypoints: a network of ours, or MediaPipe."""
-
-    @property
-    def name(self) -> str:
-        """What messages call it."""
-
-    @property
-    def needs_hand_mask(self) -> bool:
-        """Whether it must be told where the hand is."""
-
-    def find(
-        self,
-        color: NDArray[np.uint8],
-        depth: FloatArray,
-        camera: Intrinsics,
-        mask: BoolArray,
-        hand_mask: BoolArray | None,
-    ) -> Points:
-        """Find them, or raise a NoHandError; see `HandKeypoints.find`."""
+HandFinder: TypeAlias = "HandKeypoints | MediaPipeHand"
+"""What finds a hand's keypoints; `find` gives them, or raises a NoHandError."""
 
 
 @dataclass(frozen=True)

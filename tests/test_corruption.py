@@ -172,9 +172,7 @@ def test_corrupt_is_the_oracle_by_default_and_repeats_with_the_seed() -> None:
     )
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
-    everything = CorruptionConfig(
-        erase=True, see_through=True, stereo=True, edges=True, ellipses=True
-    )
+    everything = CorruptionConfig(erase=True, see_through=True, stereo=True, edges=True)
     erased = corrupt(depth, mask, CAMERA, default_rng(0), everything, plane(1.3))
     assert (erased[mask] == 0).all()
 

@@ -36,16 +36,7 @@ class FrameFolder(Protocol):
 def open_folder(
     root: str | Path, split: str | Sequence[str], objects: Sequence[str] | None = None
 ) -> FrameFolder:
-    """Open one split of a data folder, or several, one after the other.
-
-    Args:
-        root: The folder.
-        split: ``train``, ``val`` or ``test``, or several of them.
-        objects: Only these objects, in this order; all where it is left out.
-
-    Raises:
-        FileNotFoundError: The split or an object is missing.
-    """
+    """Open one split of a data folder, or several; arguments and errors as of `TransHand`."""
     return TransHand(root, split, objects)
 
 

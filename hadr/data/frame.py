@@ -160,13 +160,6 @@ def _kept_normals(frame: Frame, where: Normals) -> npt.NDArray[np.float32] | Non
     return np.where(kept[..., None], frame.normals, np.float32(0))
 
 
-def _coarse_rest(frame: Frame, step: float) -> npt.NDArray[np.float32]:
-    """Depth, in multiples of ``step`` where there is neither hand nor glass."""
-    coarse = np.rint(frame.depth / step) * step
-    held = frame.object_mask | frame.hand_mask
-    return np.where(held, frame.depth, coarse).astype(np.float32)
-
-
 def _rounded(values: npt.ArrayLike, digits: int) -> Any:
     """Nested lists of numbers, short enough for a log."""
     return (np.round(np.asarray(values, dtype=float), digits) + 0.0).tolist()
@@ -271,8 +264,11 @@ def write_frame(
         raw="disparity" if isinstance(raw_scale, DisparityScale) else "depth",
         object_folder=object_folder,
     )
-    log = _log(frame)
-    depth = frame.depth if rest_step is None else _coarse_rest(frame, rest_step)
+    log, depth = _log(frame), frame.depth
+    if rest_step is not None:
+        coarse = np.rint(depth / rest_step) * rest_step
+        held = frame.object_mask | frame.hand_mask
+        depth = np.where(held, depth, coarse).astype(np.float32)
     parts = {"color": encode_color(frame.color, jpeg_quality)}
     if depth_format == "npy":
         parts["depth"] = encode_depth_array(depth)

@@ -194,7 +194,8 @@ class HADRPlus(nn.Module):
         guessed = None
         if config.plane:
             lying = whole.float() * whole.new_tensor(UNITS, dtype=torch.float32)  # (B, 3)
-            picture = plane_picture(lying, self._pixel_m(inputs, crop), crop.size)  # (B, S, S)
+            pixel_m = crop.step * crop.prior[:, None] / inputs.intrinsics[:, :2]  # (B, 2)
+            picture = plane_picture(lying, pixel_m, crop.size)  # (B, S, S)
             guessed = base = base + crop.look_up(picture.unsqueeze(1), rays)[:, 0]  # (rays,)
         candidate = base[:, None] + DEPTH_M * (relative + self.start)  # (rays, M)
         log_scale = (scale + LOG_SCALE).clamp(*LOG_SCALES)  # (rays, M)
@@ -240,11 +241,6 @@ class HADRPlus(nn.Module):
             (points.flatten(1) / DEPTH_M, 3 * (crop.center - middle) / focal), dim=1
         )  # (B, 65)
         return known * self.config.hand_vector
-
-    @staticmethod
-    def _pixel_m(inputs: HADRInput, crop: HandCrop) -> Tensor:
-        """Metres that a crop pixel spans at the hand's depth (across, down), shape (B, 2)."""
-        return crop.step * crop.prior[:, None] / inputs.intrinsics[:, :2]
 
     def pictures(self, inputs: HADRInput, crop: HandCrop) -> Tensor:
         """Make what the U-Net sees: (B, channels, S, S).

@@ -23,12 +23,8 @@ from threadpoolctl import threadpool_limits
 Result = TypeVar("Result")
 
 
-def _as_dictionary(view: Any) -> Any:
-    """How a view is copied, in this process or to another: as a dictionary of one's own."""
-    return dict, (dict(view),)
-
-
-copyreg.pickle(MappingProxyType, _as_dictionary)
+# A view is copied, in this process or to another, as a dictionary of one's own.
+copyreg.pickle(MappingProxyType, lambda view: (dict, (dict(view),)))
 
 
 def read_only(value: Result) -> Result:

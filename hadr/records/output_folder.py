@@ -253,7 +253,8 @@ def make_output_folder(folder: str | Path) -> Path:
     can't be made or written.
     """
     target = check_output_folder(folder)
-    own = not target.exists() or _is_own(target) or _is_free(target)
+    own = not target.exists() or _is_own(target)
+    own = own or all(e.name == CACHE or (e / MARKER).is_file() for e in target.iterdir())
     target.mkdir(parents=True, exist_ok=True)
     if own:
         words = "hadr made this folder: `make clean` may remove it with all that is in it.\n"
@@ -310,11 +311,6 @@ def _is_own(folder: Path) -> bool:
         if (checkout_root() / "build").resolve() in (folder, *folder.parents):
             return True
     return (folder / MARKER).is_file() or {entry.name for entry in folder.iterdir()} == {CACHE}
-
-
-def _is_free(folder: Path) -> bool:
-    """Whether nothing lies in a folder but what hadr made."""
-    return all(entry.name == CACHE or (entry / MARKER).is_file() for entry in folder.iterdir())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -21,18 +21,8 @@ from hadr.records.writing import write_whole
 IF_CHANGED: Mapping[str, bool] = {"recorded if changed": True}
 """Metadata of a dataclass field that joined after configurations were recorded (`record_of`)."""
 PROVENANCE_PACKAGES = (
-    "hadr",
-    "numpy",
-    "scipy",
-    "torch",
-    "transformers",
-    "trimesh",
-    "embreex",
-    "opencv-python-headless",
-    "mitsuba",
-    "pyoidn",
-    "mujoco",
-    "mink",
+    *("hadr", "numpy", "scipy", "torch", "transformers", "trimesh", "embreex"),
+    *("opencv-python-headless", "mitsuba", "pyoidn", "mujoco", "mink"),
 )
 
 

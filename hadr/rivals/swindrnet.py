@@ -124,8 +124,10 @@ class SwinDRNet(nn.Module):
             self.color_swin = build_swin(config.backbone)
         self.depth_swin = build_swin(config.backbone)
         if config.backbone.pretrained is None:
+            # As torch does: without a bias flat patches of all depths look alike.
             for swin in [self.depth_swin] if config.lite else [self.color_swin, self.depth_swin]:
-                _start_patches(swin)
+                patches: Any = swin.get_submodule("swin.embeddings.patch_embeddings.projection")
+                patches.reset_parameters()
         self.fusions = nn.ModuleList(
             CrossFusion(channels, config.fusion_heads, config.backbone.window)
             for channels in stages
@@ -164,8 +166,3 @@ class SwinDRNet(nn.Module):
         return SwinDRNetOutput(
             depth=image * restored, restored=restored, image=image, initial=initial, share=share
         )
-
-
-def _start_patches(swin: Any) -> None:
-    """Start the first layer as torch does: without a bias flat patches of all depths look alike."""
-    swin.swin.embeddings.patch_embeddings.projection.reset_parameters()

@@ -113,7 +113,12 @@ def train(
         history = home.resume(network, optimizer, average and average.module)
     elif home is not None:
         home.check_empty()
-    events = _events(home.path, len(history)) if home and tensorboard else None
+    events: Any = None
+    if home is not None and tensorboard:
+        from torch.utils.tensorboard import SummaryWriter
+
+        # Rows of epochs that are trained again are replaced.
+        events = SummaryWriter(str(home.path / "tensorboard"), purge_step=len(history))
 
     starts = range(0, len(frames), recipe.batch_size)
     steps = len(starts)
@@ -264,10 +269,3 @@ def early_look(epoch: int, epochs: int) -> bool:
     """Say whether an epoch's picture is drawn: the first, second, fourth, eighth, ..., last."""
     done = epoch + 1
     return done == epochs or done & (done - 1) == 0
-
-
-def _events(folder: Path, epochs: int) -> Any:
-    """Open event files for TensorBoard; rows of epochs that are trained again are replaced."""
-    from torch.utils.tensorboard import SummaryWriter
-
-    return SummaryWriter(str(folder / "tensorboard"), purge_step=epochs)

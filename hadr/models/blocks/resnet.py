@@ -76,18 +76,13 @@ def build_resnet(config: UNetConfig, channels: int) -> nn.Module:
             f"{(config.depths, config.widths)} is configured"
         )
     if channels != 3:
-        _adapt_first(resnet, channels)
+        old = resnet.embedder.embedder.convolution
+        new = nn.Conv2d(channels, old.out_channels, 7, stride=2, padding=3, bias=False)
+        with torch.no_grad():
+            new.weight.copy_(old.weight.sum(dim=1, keepdim=True) / channels)
+        resnet.embedder.embedder.convolution = new
+        resnet.embedder.num_channels = channels
     return resnet  # type: ignore[no-any-return]
-
-
-def _adapt_first(resnet: Any, channels: int) -> None:
-    """Replace the first convolution by one for another number of channels."""
-    old = resnet.embedder.embedder.convolution
-    new = nn.Conv2d(channels, old.out_channels, 7, stride=2, padding=3, bias=False)
-    with torch.no_grad():
-        new.weight.copy_(old.weight.sum(dim=1, keepdim=True) / channels)
-    resnet.embedder.embedder.convolution = new
-    resnet.embedder.num_channels = channels
 
 
 class ResNetUNet(nn.Module):
@@ -116,23 +111,19 @@ class ResNetUNet(nn.Module):
         The ResNet's feature in row i, column j is centred on the picture's pixel (2 i, 2 j).
         Lite0's reach beyond the picture where its size is no multiple of 32.
         """
-        *skips, values = self._maps(picture)
+        if hasattr(self, "lite"):
+            *skips, values = self.lite(picture, half=True)  # strides 2, 4, 8, 16 and 32
+        else:
+            resnet: Any = self.resnet
+            skips = [resnet.embedder.embedder(picture)]  # (B, widths[0], H / 2, W / 2)
+            values = resnet.embedder.pooler(skips[0])  # (B, widths[0], H / 4, W / 4)
+            for stage in resnet.encoder.stages:
+                values = stage(values)  # (B, widths[s], H / 2^(s+2), W / 2^(s+2))
+                skips.append(values)
+            skips.pop()
         for block, skip in zip(self.blocks, reversed(skips), strict=True):
             values = block(values, skip)  # (B, decoder[b], twice as high, twice as wide)
         return values
-
-    def _maps(self, picture: Tensor) -> list[Tensor]:
-        """The encoder's maps of strides 2, 4, 8, 16 and 32."""
-        if hasattr(self, "lite"):
-            return self.lite(picture, half=True)  # type: ignore[no-any-return]
-        resnet: Any = self.resnet
-        half = resnet.embedder.embedder(picture)  # (B, widths[0], H / 2, W / 2)
-        values = resnet.embedder.pooler(half)  # (B, widths[0], H / 4, W / 4)
-        maps = [half]
-        for stage in resnet.encoder.stages:
-            values = stage(values)  # (B, widths[s], H / 2^(s+2), W / 2^(s+2))
-            maps.append(values)
-        return maps
 
 
 class _DecoderBlock(nn.Module):

@@ -24,7 +24,7 @@ import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -41,22 +41,8 @@ HANDS = 4
 """At most so many hands are looked at: those of two people."""
 
 
-class Landmark(Protocol):
-    """A point that MediaPipe found: to the right, down, and away from the camera."""
-
-    x: float | None
-    y: float | None
-    z: float | None
-
-
-class LandmarkResult(Protocol):
-    """What MediaPipe's hand landmarker gives for one picture: 21 landmarks a hand."""
-
-    hand_landmarks: Sequence[Sequence[Landmark]]
-
-
 def lift_landmarks(
-    result: LandmarkResult,
+    result: Any,
     depth: FloatArray,
     camera: Intrinsics,
     hand_mask: BoolArray | None = None,
@@ -70,7 +56,7 @@ def lift_landmarks(
     correction is made, so all points lie that much too near.
 
     Args:
-        result: What MediaPipe found in the colour picture.
+        result: What MediaPipe's hand landmarker found in the colour picture.
         depth: z-depth in metres, registered to the colour, shape (H, W); 0 or NaN = missing.
         camera: Intrinsics of both images.
         hand_mask: Only depth of these pixels counts, shape (H, W); all where it is left out.
@@ -91,7 +77,7 @@ def lift_landmarks(
         raise ValueError(f"hand_mask must be {camera.shape}, got {hand_mask.shape}")
     if not result.hand_landmarks:
         raise NoHandError("it sees none in the picture")
-    hands = [_coordinates(hand) for hand in result.hand_landmarks]  # (21, 3) each
+    hands = [_coordinates(hand) for hand in result.hand_landmarks]  # (21, 3): right, down, away
     size = np.array([camera.width, camera.height])
     pixels = [hand[:, :2] * size - 0.5 for hand in hands]  # from the edges to pixel centres
     chosen = 0 if beside is None else _nearest(pixels, beside)
@@ -110,7 +96,7 @@ def lift_landmarks(
         raise NoHandError(f"what it sees can't be lifted to 3D: {error}") from error
 
 
-def _coordinates(landmarks: Sequence[Landmark]) -> npt.NDArray[np.float64]:
+def _coordinates(landmarks: Sequence[Any]) -> npt.NDArray[np.float64]:
     if len(landmarks) != len(KEYPOINT_NAMES):
         raise ValueError(f"a hand has {len(KEYPOINT_NAMES)} landmarks, got {len(landmarks)}")
     points = np.array([[p.x, p.y, p.z] for p in landmarks], dtype=float)
