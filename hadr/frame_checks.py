@@ -201,10 +201,7 @@ def told_color(
 def depth_to_use(
     depth: NDArray[np.float32], mask: BoolArray, corruption: Corruption
 ) -> NDArray[np.float32]:
-    """Erase what was measured in the mask, if this corruption does.
-
-    Depth is z-depth in metres, (H, W), 0 = missing; the mask is (H, W) bool.
-    """
+    """Erase z-depth that was measured in the mask, if this corruption does: 0 = missing."""
     return np.where(mask, np.float32(0), depth) if CORRUPTIONS[corruption].erase else depth
 
 

@@ -27,10 +27,7 @@ Side = Literal["right", "left"]
 
 _FINGER_JOINTS = {
     "thumb": ("cmc", "mcp", "ip", "tip"),
-    "index": ("mcp", "pip", "dip", "tip"),
-    "middle": ("mcp", "pip", "dip", "tip"),
-    "ring": ("mcp", "pip", "dip", "tip"),
-    "little": ("mcp", "pip", "dip", "tip"),
+    **dict.fromkeys(("index", "middle", "ring", "little"), ("mcp", "pip", "dip", "tip")),
 }
 #: Names of the 21 keypoints, in the order that detectors use (wrist, then thumb to little finger).
 KEYPOINT_NAMES: tuple[str, ...] = (

@@ -141,7 +141,10 @@ class _Sums:
         )
 
 
-def _check(predicted: FloatArray, truth: FloatArray, mask: BoolArray, missing: Missing) -> None:
+def _scored(
+    predicted: FloatArray, truth: FloatArray, mask: BoolArray, missing: Missing
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Where a pixel could be scored, where it was predicted too, and where it is scored."""
     for name, depth in (("predicted", predicted), ("truth", truth)):
         if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.floating):
             raise ValueError(f"{name} must be (H, W) float metres, got {depth.shape} {depth.dtype}")
@@ -154,12 +157,6 @@ def _check(predicted: FloatArray, truth: FloatArray, mask: BoolArray, missing: M
     if np.isinf(predicted[mask]).any():
         raise ValueError("predicted holds infinite depth inside the mask; 0 or NaN means missing")
 
-
-def _scored(
-    predicted: FloatArray, truth: FloatArray, mask: BoolArray, missing: Missing
-) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """Where a pixel could be scored, where it was predicted too, and where it is scored."""
-    _check(predicted, truth, mask, missing)
     scorable = mask & valid_depth(truth)
     if not scorable.any():
         raise ValueError(

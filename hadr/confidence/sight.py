@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 DIRECTIONS = 8
 """Main directions of what a network sees; what lies off them is a feature."""
-_SIGHT = ("mean", "spread", "directions")
 
 
 @dataclass(frozen=True)
@@ -78,14 +77,13 @@ class Sight:
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers, rounded, for a checkpoint's record."""
-        return {name: rounded(getattr(self, name)) for name in _SIGHT}
+        return {name: rounded(numbers) for name, numbers in vars(self).items()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Sight:
         """Build it from `to_dict`, or from the same read from JSON; errors as `Field.from_dict`."""
-        structured(values, _StoredSight, "sight", further=True)
-        mean, spread, directions = (np.asarray(values[name], float) for name in _SIGHT)
-        return cls(mean, spread, directions)
+        stored = structured(values, _StoredSight, "sight", further=True)
+        return cls(**{name: np.asarray(numbers) for name, numbers in vars(stored).items()})
 
 
 @dataclass(frozen=True)

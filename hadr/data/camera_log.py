@@ -36,17 +36,8 @@ def camera_log(world_from_camera: npt.ArrayLike) -> tuple[list[float], list[floa
     return pose[:3, 3].tolist(), angle.tolist()
 
 
-def native_pixels(uv: npt.ArrayLike, camera: Intrinsics) -> Array:
-    """Pixels of an image resized from 1280x720 back to pixels at 1280x720, shape (..., 2)."""
-    return _rescaled(uv, camera, TRANSHAND_CAMERA)
-
-
-def image_pixels(uv: Array, camera: Intrinsics) -> Array:
-    """The inverse of :func:`native_pixels`."""
-    return _rescaled(uv, TRANSHAND_CAMERA, camera)
-
-
-def _rescaled(uv: npt.ArrayLike, of: Intrinsics, to: Intrinsics) -> Array:
+def rescaled_pixels(uv: npt.ArrayLike, of: Intrinsics, to: Intrinsics) -> Array:
+    """Pixels (..., 2) of an image, in the same image resized; files hold those at 1280x720."""
     scale = np.array([to.width / of.width, to.height / of.height])
     return np.asarray((np.asarray(uv, dtype=float) + 0.5) * scale - 0.5)
 

@@ -20,18 +20,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import Array, Intrinsics, transform_points
-from hadr.data.camera_log import camera_log, is_rigid, native_pixels
-from hadr.data.frame_pictures import (
-    DisparityScale,
-    Normals,
-    encode_color,
-    encode_depth,
-    encode_depth_array,
-    encode_disparity,
-    encode_mask,
-    encode_normals,
-)
+from hadr.camera import TRANSHAND_CAMERA, Array, Intrinsics, transform_points
+from hadr.data import frame_pictures as pictures
+from hadr.data.camera_log import camera_log, is_rigid, rescaled_pixels
 from hadr.hand import KEYPOINT_NAMES, check_keypoints
 from hadr.records.writing import PART
 
@@ -149,7 +140,7 @@ def _check(frame: Frame) -> None:
     check_keypoints(frame.keypoints)
 
 
-def _kept_normals(frame: Frame, where: Normals) -> npt.NDArray[np.float32] | None:
+def _kept_normals(frame: Frame, where: pictures.Normals) -> npt.NDArray[np.float32] | None:
     if frame.normals is None or where == "none":
         return None
     if where == "all":
@@ -221,9 +212,9 @@ def write_frame(
     depth_format: Literal["npy", "png"] = "npy",
     depth_scale: float = 0.0001,
     rest_step: float | None = None,
-    raw_scale: float | DisparityScale = 0.001,
+    raw_scale: float | pictures.DisparityScale = 0.001,
     jpeg_quality: int | None = None,
-    normals: Normals = "all",
+    normals: pictures.Normals = "all",
     nested: bool = True,
     object_folder: Literal["obj_mask", "object_mask"] = "obj_mask",
 ) -> Path:
@@ -261,7 +252,7 @@ def write_frame(
         frame.stem,
         depth_format=depth_format,
         jpeg_quality=jpeg_quality,
-        raw="disparity" if isinstance(raw_scale, DisparityScale) else "depth",
+        raw="disparity" if isinstance(raw_scale, pictures.DisparityScale) else "depth",
         object_folder=object_folder,
     )
     log, depth = _log(frame), frame.depth
@@ -269,30 +260,30 @@ def write_frame(
         coarse = np.rint(depth / rest_step) * rest_step
         held = frame.object_mask | frame.hand_mask
         depth = np.where(held, depth, coarse).astype(np.float32)
-    parts = {"color": encode_color(frame.color, jpeg_quality)}
+    parts = {"color": pictures.encode_color(frame.color, jpeg_quality)}
     if depth_format == "npy":
-        parts["depth"] = encode_depth_array(depth)
+        parts["depth"] = pictures.encode_depth_array(depth)
     else:
-        parts["depth"] = encode_depth(depth, depth_scale)
+        parts["depth"] = pictures.encode_depth(depth, depth_scale)
         log[DEPTH_SCALE_KEY] = depth_scale
     if frame.background_depth is not None:
         # Elsewhere it is the depth itself: the reader puts it back.
         behind = np.where(frame.object_mask, frame.background_depth, np.float32(0))
-        parts["background"] = encode_depth(behind, depth_scale)
+        parts["background"] = pictures.encode_depth(behind, depth_scale)
         log[DEPTH_SCALE_KEY] = depth_scale
     if frame.raw_depth is not None:
-        if isinstance(raw_scale, DisparityScale):
-            parts["raw"] = encode_disparity(frame.raw_depth, raw_scale)
+        if isinstance(raw_scale, pictures.DisparityScale):
+            parts["raw"] = pictures.encode_disparity(frame.raw_depth, raw_scale)
             log[DISPARITY_SCALE_KEY] = asdict(raw_scale)
         else:
-            parts["raw"] = encode_depth(frame.raw_depth, raw_scale)
+            parts["raw"] = pictures.encode_depth(frame.raw_depth, raw_scale)
             log[RAW_SCALE_KEY] = raw_scale
     kept = _kept_normals(frame, normals)
     if kept is not None:
-        parts["normals"] = encode_normals(kept)
-    parts["hand_mask"] = encode_mask(frame.hand_mask)
-    parts["object_mask"] = encode_mask(frame.object_mask)
-    uv = native_pixels(frame.keypoints_uv, frame.camera)
+        parts["normals"] = pictures.encode_normals(kept)
+    parts["hand_mask"] = pictures.encode_mask(frame.hand_mask)
+    parts["object_mask"] = pictures.encode_mask(frame.object_mask)
+    uv = rescaled_pixels(frame.keypoints_uv, frame.camera, TRANSHAND_CAMERA)
     parts["keypoints"] = "".join(f"{u:.4f} {v:.4f}\n" for u, v in uv).encode()
     log |= dict(extra_log or {})
     parts["log"] = (json.dumps(log, separators=(",", ":")) + "\n").encode()

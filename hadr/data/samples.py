@@ -136,11 +136,7 @@ def verify_manifest(root: Path | None = None) -> ManifestReport:
     listed = structured(read_json(path), _Manifest, path, further=True).sha256
     present = set(_files(root))
     missing = tuple(name for name in listed if name not in present)
-    changed = tuple(
-        name
-        for name, digest in listed.items()
-        if name in present and _digest(root / name) != digest
-    )
+    changed = tuple(n for n in listed if n in present and _digest(root / n) != listed[n])
     unlisted = tuple(sorted(present - set(listed)))
     checked = len(listed) - len(missing) - len(changed)
     return ManifestReport(checked, changed, missing, unlisted)

@@ -15,14 +15,15 @@ from typing import Literal, TypeVar, overload
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import Array, Intrinsics, transform_points
+from hadr.camera import TRANSHAND_CAMERA, Array, Intrinsics, transform_points
+from hadr.data import frame_pictures as pictures
 from hadr.data.camera_log import (
-    image_pixels,
     log_camera,
     log_keypoints,
     log_pose,
     log_transform,
     read_log,
+    rescaled_pixels,
 )
 from hadr.data.frame import (
     BACKGROUND_FOLDER,
@@ -34,15 +35,6 @@ from hadr.data.frame import (
     RAW_FOLDER,
     RAW_SCALE_KEY,
     Frame,
-)
-from hadr.data.frame_pictures import (
-    DisparityScale,
-    decode_color,
-    decode_depth,
-    decode_depth_array,
-    decode_disparity,
-    decode_mask,
-    decode_normals,
 )
 from hadr.records.reading import read_bytes, structured
 
@@ -166,7 +158,7 @@ class TransHand(Sequence[Frame]):
 
     def _read_frame(self, files: FrameFiles) -> Frame:
         log = read_log(files.log)
-        color = _load(files.color, decode_color)
+        color = _load(files.color, pictures.decode_color)
         height, width = color.shape[:2]
 
         def load(path: Path, decode: Callable[[bytes], npt.NDArray[Dtype]]) -> npt.NDArray[Dtype]:
@@ -180,7 +172,7 @@ class TransHand(Sequence[Frame]):
 
         def load_depth(path: Path, key: str) -> npt.NDArray[np.float32]:
             if path.suffix == ".npy":
-                return load(path, decode_depth_array)
+                return load(path, pictures.decode_depth_array)
             scale = log.get(key, self._depth_scale if key == DEPTH_SCALE_KEY else None)
             if scale is None:
                 remedy = "; pass depth_scale= (metres per step)" if key == DEPTH_SCALE_KEY else ""
@@ -191,11 +183,11 @@ class TransHand(Sequence[Frame]):
                     f"{files.log}: {key!r} must be at most {LARGEST_STEP_M} m and above 0, got "
                     f"{scale}"
                 )
-            return load(path, lambda data: decode_depth(data, scale))
+            return load(path, lambda data: pictures.decode_depth(data, scale))
 
         depth = load_depth(files.depth, DEPTH_SCALE_KEY)
-        object_mask = load(files.object_mask, decode_mask)
-        hand_mask = load(files.hand_mask, decode_mask)
+        object_mask = load(files.object_mask, pictures.decode_mask)
+        hand_mask = load(files.hand_mask, pictures.decode_mask)
         both = int((hand_mask & object_mask).sum())
         if both:
             raise ValueError(
@@ -208,8 +200,8 @@ class TransHand(Sequence[Frame]):
             background = np.where(object_mask, behind, depth)
         if files.raw_depth is not None and files.raw_depth.parent.name == DISPARITY_FOLDER:
             where = f"{files.log}: {DISPARITY_SCALE_KEY!r}"
-            scale = structured(log.get(DISPARITY_SCALE_KEY), DisparityScale, where)
-            raw = load(files.raw_depth, lambda data: decode_disparity(data, scale))
+            scale = structured(log.get(DISPARITY_SCALE_KEY), pictures.DisparityScale, where)
+            raw = load(files.raw_depth, lambda data: pictures.decode_disparity(data, scale))
         elif files.raw_depth is not None:
             raw = load_depth(files.raw_depth, RAW_SCALE_KEY)
         camera = self._camera or log_camera(log, width, height, files.log)
@@ -229,13 +221,13 @@ class TransHand(Sequence[Frame]):
             hand_mask,
             object_mask,
             keypoints,
-            image_pixels(uv, camera),
+            rescaled_pixels(uv, TRANSHAND_CAMERA, camera),
             camera,
             pose,
             background,
             log.get("hold_id"),
             raw,
-            None if files.normals is None else load(files.normals, decode_normals),
+            None if files.normals is None else load(files.normals, pictures.decode_normals),
             log_transform(log, OBJECT_POSE_KEY, files.log),
         )
 

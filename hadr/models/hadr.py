@@ -201,7 +201,8 @@ class HADR(nn.Module):
         dense = self.backbone(picture)  # (B, 32, H, W)
 
         pixels = select_points(inputs.depth, self.config.max_points)  # (points, 3)
-        points = ray_points(pixels, _at(inputs.depth, pixels), inputs.intrinsics)  # (points, 3)
+        away = inputs.depth[*pixels.unbind(dim=1)]  # (points,)
+        points = ray_points(pixels, away, inputs.intrinsics)  # (points, 3)
         occupied = occupied_voxels(points, pixels[:, 0], grid, len(inputs))
         color = features_at(dense if self.config.point_fusion else picture, pixels)
         voxel = self.voxel_features(
@@ -234,7 +235,8 @@ class HADR(nn.Module):
         probability = segment_softmax(logits, pairs.ray, pairs.n_rays)  # (pairs,)
         chosen = segment_argmax(probability.detach(), pairs.ray, pairs.n_rays)  # (rays,)
         if true_depth is not None:
-            true_points = ray_points(rays, _at(true_depth, rays), inputs.intrinsics)
+            away = true_depth[*rays.unbind(dim=1)]  # (rays,)
+            true_points = ray_points(rays, away, inputs.intrinsics)
             true_pair = pair_of_true_point(pairs, occupied, true_points, grid)
             chosen = torch.where(true_pair >= 0, true_pair, chosen)
 
@@ -284,8 +286,3 @@ class HADR(nn.Module):
         relative = relative_hand_feature(keypoints, occupied.center)  # (voxels, 63)
         feature = torch.cat((absolute.index_select(0, occupied.frame), relative), dim=1)
         return feature if whole else feature.reshape(-1, 42, 3)[..., :2].flatten(1)
-
-
-def _at(image: Tensor, pixels: Tensor) -> Tensor:
-    """Look up single pixels (frame, row, column) of images (B, H, W)."""
-    return image[pixels[:, 0], pixels[:, 1], pixels[:, 2]]

@@ -23,8 +23,12 @@ from threadpoolctl import threadpool_limits
 Result = TypeVar("Result")
 
 
-# A view is copied, in this process or to another, as a dictionary of one's own.
-copyreg.pickle(MappingProxyType, lambda view: (dict, (dict(view),)))
+def _as_dictionary(view: Any) -> Any:
+    """How a view is copied, in this process or to another: as a dictionary of one's own."""
+    return dict, (dict(view),)
+
+
+copyreg.pickle(MappingProxyType, _as_dictionary)
 
 
 def read_only(value: Result) -> Result:
@@ -72,7 +76,9 @@ def kept(maxsize: int) -> Callable[[Callable[..., Result]], _lru_cache_wrapper[R
     return decorate
 
 
-def kept_by_file(maxsize: int) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
+def kept_by_file(
+    maxsize: int,
+) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
     """Decorate a function of paths alone as `kept` does, of so many results.
 
     It is called anew where the time or size of a file differs, or a file has come or gone.

@@ -201,9 +201,13 @@ def _converter(further: bool, infinite: bool) -> cattrs.Converter:
 
     for kind, hook in ((float, number), (int, count), (bool, switch), (str, words)):
         converter.register_structure_hook(kind, hook)
-    converter.register_structure_hook_factory(lambda kind: get_origin(kind) is Literal, choice)
+    converter.register_structure_hook_factory(_is_choice, choice)
     converter.register_structure_hook_factory(is_dataclass, parts)
     return converter
+
+
+def _is_choice(kind: Any) -> bool:
+    return get_origin(kind) is Literal
 
 
 def _check_form(value: Any, hint: Any) -> None:

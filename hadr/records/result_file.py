@@ -117,10 +117,10 @@ def read_sealed(path: str | Path) -> dict[str, Any]:
 
 def read_result_file(path: str | Path) -> ResultFile:
     """Read what `write_result_file` wrote; errors as `read_sealed`."""
-    content = structured(read_sealed(path), _Result, path, further=True)
+    content = structured(read_sealed(path), ResultFile, path, further=True)
     if not content.rows or not all(content.rows):
         raise ValueError(f"{path}: rows: expected rows of numbers, got {content.rows!r:.60}")
-    return ResultFile(content.what, tuple(content.rows), content.provenance)
+    return content
 
 
 @dataclass(frozen=True)
@@ -128,12 +128,6 @@ class _Sealed:
     """What each file with a checksum has."""
 
     provenance: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class _Result(_Sealed):
-    what: str
-    rows: list[dict[str, Any]]
 
 
 def is_sealed(path: Path) -> bool:

@@ -19,9 +19,14 @@ SLACK_M = 0.06
 """How far the skin may be from the keypoints' depths, metres."""
 
 
-def raw(depth: FloatArray, mask: BoolArray) -> FloatArray:
-    """Leave the depth as it is, NaN replaced by 0: the least that a method must beat."""
-    return _checked(depth, mask)
+def raw(depth: FloatArray, mask: BoolArray) -> NDArray[np.float32]:
+    """Leave the depth as it is, NaN replaced by 0: the least that a method must beat. A copy."""
+    if depth.ndim != 2 or mask.shape != depth.shape or mask.dtype != np.bool_:
+        raise ValueError(
+            "depth must be (H, W) metres and mask (H, W) bool, got "
+            f"{depth.shape} {depth.dtype} and {mask.shape} {mask.dtype}"
+        )
+    return np.where(valid_depth(depth), depth, 0.0).astype(np.float32)
 
 
 def nearest_valid(depth: FloatArray, mask: BoolArray) -> FloatArray:
@@ -30,7 +35,7 @@ def nearest_valid(depth: FloatArray, mask: BoolArray) -> FloatArray:
     Raises:
         ValueError: No pixel outside the mask has depth.
     """
-    restored = _checked(depth, mask)
+    restored = raw(depth, mask)
     source = (restored > 0) & ~mask
     _check_source(source)
     _, (rows, columns) = ndimage.distance_transform_edt(~source, return_indices=True)
@@ -48,11 +53,16 @@ def inpaint(depth: FloatArray, mask: BoolArray) -> FloatArray:
     Raises:
         ValueError: No pixel outside the mask has depth.
     """
-    restored = _checked(depth, mask)
+    restored = raw(depth, mask)
     _check_source((restored > 0) & ~mask)
     if not mask.any():
         return restored
-    window = _window_around(mask, restored)
+    # The part of the image that matters: the mask's box with some depth around it.
+    margin = 24
+    window = window_around(mask, margin)
+    while margin <= max(mask.shape) and not ((restored[window] > 0) & ~mask[window]).any():
+        margin *= 2
+        window = window_around(mask, margin)
     piece, hole = restored[window], mask[window]
     deepest = float(piece.max())
     step_m = 1e-4 if deepest < 65535 * 1e-4 else 1e-3
@@ -103,7 +113,7 @@ def hand_median(
         keypoints_z: z-depth of the keypoints, camera frame, metres, shape (21,).
         hand_mask: Pixels of the hand and arm, shape (H, W) bool, if known.
     """
-    restored = _checked(depth, mask)
+    restored = raw(depth, mask)
     region = hand_region((depth.shape[0], depth.shape[1]), keypoints_uv)
     if hand_mask is not None:
         if hand_mask.shape != depth.shape:
@@ -141,25 +151,6 @@ def fill(
     return hand_median(depth, mask, project(keypoints, camera), keypoints[:, 2], hand_mask)
 
 
-def _checked(depth: FloatArray, mask: BoolArray) -> NDArray[np.float32]:
-    """Return a float32 copy with 0 where missing, after checking the shapes."""
-    if depth.ndim != 2 or mask.shape != depth.shape or mask.dtype != np.bool_:
-        raise ValueError(
-            "depth must be (H, W) metres and mask (H, W) bool, got "
-            f"{depth.shape} {depth.dtype} and {mask.shape} {mask.dtype}"
-        )
-    return np.where(valid_depth(depth), depth, 0.0).astype(np.float32)
-
-
 def _check_source(source: BoolArray) -> None:
     if not source.any():
         raise ValueError("no pixel outside the mask has a depth, so there is nothing to fill from")
-
-
-def _window_around(mask: BoolArray, depth: FloatArray, margin: int = 24) -> tuple[slice, slice]:
-    """Return the part of the image that matters: the mask's box with some depth around it."""
-    while True:
-        window = window_around(mask, margin)
-        if ((depth[window] > 0) & ~mask[window]).any() or margin > max(mask.shape):
-            return window
-        margin *= 2

@@ -76,10 +76,6 @@ class DilatedResNetConfig(NetworkConfig):
     widths: tuple[int, ...] = (64, 128, 256, 512)
     pretrained: str | None = None
 
-    def resnet(self) -> UNetConfig:
-        """The same as `build_resnet` takes it."""
-        return UNetConfig(self.depths, self.widths, pretrained=self.pretrained)
-
 
 class DilatedResNet(nn.Module):
     """From colour to a dense feature map of so many channels.
@@ -95,7 +91,8 @@ class DilatedResNet(nn.Module):
 
     def __init__(self, config: DilatedResNetConfig, channels: int = 32) -> None:
         super().__init__()
-        self.resnet = build_resnet(config.resnet(), 3)
+        size = UNetConfig(config.depths, config.widths, pretrained=config.pretrained)
+        self.resnet = build_resnet(size, 3)
         stages: Any = self.resnet.encoder.stages  # type: ignore[union-attr]
         for number, dilation in DILATIONS.items():
             for layer in stages[number].modules():

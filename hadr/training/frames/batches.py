@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -19,17 +19,6 @@ from hadr.records.provenance import usable_cores
 
 if TYPE_CHECKING:
     from hadr.data.frame import Frame
-
-
-@runtime_checkable
-class FrameList(Protocol):
-    """Frames by their number, such as `TransHand`; each is read when it is asked for."""
-
-    def __len__(self) -> int:
-        """Give the number of frames."""
-
-    def __getitem__(self, index: int, /) -> Any:
-        """Read a frame."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +80,7 @@ _TENSORS = ("true_depth", "hand_mask", "object_mask", "true_keypoints")
 
 
 def load_frames(
-    frames: FrameList | Iterable[Frame],
+    frames: Iterable[Frame],
     size: tuple[int, int],
     corruption: Corruption = "oracle",
     seed: int = 0,
@@ -105,7 +94,7 @@ def load_frames(
     at once; a frame's result does not depend on the others.
 
     Args:
-        frames: Frames with true depth; one that reads them when asked for, by number, is best.
+        frames: Frames with true depth; a sequence that reads each when asked for it is best.
         size: (width, height) in pixels.
         corruption: "oracle" erases the depth of the whole object, as the published experiments do;
             "analytic" imitates an active-stereo camera by formulas: it loses part of the depth,
@@ -125,7 +114,7 @@ def load_frames(
     """
     if corruption not in CORRUPTIONS:
         raise ValueError(f"corruption must be one of {sorted(CORRUPTIONS)}, got {corruption!r}")
-    source = frames if isinstance(frames, FrameList) else list(frames)
+    source = frames if isinstance(frames, Sequence) else list(frames)
     if len(source) == 0:
         raise ValueError("no frames: the folder is empty, or no frame shows an object")
     store = blank_frames(len(source), size)
@@ -143,14 +132,8 @@ def load_frames(
         return one.stems[0]
 
     with ThreadPoolExecutor(usable_cores()) as pool:
-        bar = tqdm(
-            pool.map(load, range(len(source))),
-            progress,
-            total=len(source),
-            disable=progress is None,
-            mininterval=1.0,
-        )
-        stems = list(bar)
+        read, silent = pool.map(load, range(len(source))), progress is None
+        stems = list(tqdm(read, progress, len(source), disable=silent, mininterval=1.0))
     kept = [number for number, stem in enumerate(stems) if stem is not None]
     if not kept:
         raise ValueError("no frames: the folder is empty, or no frame shows an object")

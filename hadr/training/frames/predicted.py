@@ -17,11 +17,12 @@ from torch.nn import functional
 
 from hadr.corruption import CORRUPTIONS
 from hadr.data.folders import FrameSource, check_folders, has_split, open_folder
+from hadr.data.frame import Frame
 from hadr.models.hand.keypoints import keypoints_where_seen
 from hadr.models.network_input import HADRInput
 from hadr.models.segmentation import predict_logits
 from hadr.training.checkpoints import load_kind
-from hadr.training.frames.batches import FrameList, FrameTensors, load_frames
+from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.recipe import TRUE, Given
 
 
@@ -53,14 +54,16 @@ def read_split(
     return load_given(found, size, given, progress=f"reading {split}")
 
 
-def load_given(source: FrameList, size: tuple[int, int], given: Given, **more: Any) -> FrameTensors:
+def load_given(
+    source: Sequence[Frame], size: tuple[int, int], given: Given, **more: Any
+) -> FrameTensors:
     """Read frames as networks are given them; `more` are arguments of `load_frames`."""
     frames = load_frames(source, size, given.corruption, given.seed, **more)
     return with_predicted(frames, source, given)
 
 
 def with_predicted(
-    frames: FrameTensors, source: FrameList, given: Given, batch_size: int = 16
+    frames: FrameTensors, source: Sequence[Frame], given: Given, batch_size: int = 16
 ) -> FrameTensors:
     """Put predicted masks and keypoints in the place of the true ones, where asked for.
 
@@ -118,7 +121,7 @@ def resized(masks: Tensor, like: Tensor) -> Tensor:
 
 
 def _at(
-    size: tuple[int, int], frames: FrameTensors, source: FrameList, given: Given
+    size: tuple[int, int], frames: FrameTensors, source: Sequence[Frame], given: Given
 ) -> FrameTensors:
     """Read the same frames at another size."""
     height, width = frames.inputs.depth.shape[1:]
