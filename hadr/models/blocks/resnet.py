@@ -123,7 +123,7 @@ class ResNetUNet(nn.Module):
             skips.pop()
         for block, skip in zip(self.blocks, reversed(skips), strict=True):
             values = block(values, skip)  # (B, decoder[b], twice as high, twice as wide)
-        return values
+        return values  # type: ignore[no-any-return]
 
 
 class _DecoderBlock(nn.Module):
