@@ -282,20 +282,12 @@ def wrist_depth_at(
     *,
     window: int = 9,
 ) -> float:
-    """Measure the depth at the wrist: the median of the valid depth around its pixel.
+    """Measure the depth, metres, at the wrist: the median of the valid depth around its pixel.
 
-    The camera sees the skin, a few centimetres in front of the joint; no correction is made. Where
-    the window holds no valid depth, it is the median over the whole hand mask.
-
-    Args:
-        depth: Metres, shape (H, W); 0 or NaN marks a missing value.
-        uv_wrist: The wrist's pixel (u, v).
-        hand_mask: Only these pixels count, shape (H, W); every pixel where it is left out.
-        window: Side of the square window, pixels.
-
-    Raises:
-        ValueError: There is no valid depth at the wrist nor, with a mask, on the hand; or the
-            pixel is not two finite numbers.
+    Of depth (H, W), metres, in a square of `window` pixels around (u, v) those of the hand mask
+    count, (H, W), if there is one; where none is valid, it is the median over the whole mask. The
+    camera sees the skin, a few centimetres in front of the joint; no correction is made. ValueError
+    where there is no valid depth at all, or the pixel is not two finite numbers.
     """
     pixel = np.asarray(uv_wrist, dtype=float)
     if pixel.shape != (2,) or not np.isfinite(pixel).all():

@@ -28,6 +28,7 @@ from hadr.frame_checks import (
     note_size,
     told_color,
 )
+from hadr.models.hand.plausible import check_hand
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
 from hadr.trained_finders import (
@@ -40,7 +41,6 @@ from hadr.trained_finders import (
     Segmentation,
     find_hand,
     find_masks,
-    given_hand,
 )
 from hadr.trained_networks import DepthNetwork
 
@@ -266,8 +266,13 @@ class Restorer:
                 note_size(target, clean, camera, notes)
             known = _Known(color, clean, camera, target, mask is not None, hand_mask, presence)
             if given is not None:
-                hand = given_hand(given, clean, camera, target, notes)
+                hand = Hand(given, GIVEN, check_hand(given, clean, camera, target, given=True))
                 known = replace(known, hand=hand)
+                if hand.doubtful:
+                    notes.append(
+                        f"the given hand does not fit this frame: {'; '.join(hand.check.problems)};"
+                        " what is restored from it may be off by as much, and has no probability"
+                    )
             known, filled = self._fill(known, notes)
             hand = known.hand
             notes += self._unused(filled.method, given is not None, known.keypoints, hand_mask)

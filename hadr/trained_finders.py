@@ -204,19 +204,6 @@ def find_masks(
     return found.glass, hand_mask, presence
 
 
-def given_hand(
-    keypoints: Points, depth: FloatArray, camera: Intrinsics, glass: BoolArray, notes: list[str]
-) -> Hand:
-    """Hold a given hand against the frame, as `find_hand` does, and note what does not fit."""
-    hand = Hand(keypoints, GIVEN, check_hand(keypoints, depth, camera, glass, given=True))
-    if hand.doubtful:
-        notes.append(
-            f"the given hand does not fit this frame: {'; '.join(hand.check.problems)}; what is "
-            "restored from it may be off by as much, and has no probability"
-        )
-    return hand
-
-
 def find_hand(
     finder: HandFinder,
     color: NDArray[np.uint8],

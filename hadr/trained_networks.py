@@ -81,7 +81,7 @@ class DepthNetwork:
     """A depth network, loaded once.
 
     Attributes:
-        model: The network as `hadr.models.inference.for_inference` makes it.
+        model: The network as `hadr.training.checkpoints.for_inference` makes it.
         kind: One of `hadr.models.networks.DEPTH_NETWORKS`.
         size: (width, height) that it runs at, pixels.
         needs_hand: Whether it can't do without the hand's keypoints.
@@ -146,8 +146,7 @@ class DepthNetwork:
                 f"{name} holds a network of kind {kind!r}, expected one that restores depth: "
                 f"{', '.join(DEPTH_NETWORKS)}"
             )
-        from hadr.models.inference import for_inference
-        from hadr.training.checkpoints import trained_corruption
+        from hadr.training.checkpoints import for_inference, trained_corruption
 
         config: Any = model.config
         stored = meta.get("confidence") if NETWORKS[kind].can_say else None

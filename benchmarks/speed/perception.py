@@ -18,11 +18,10 @@ from measuring import arguments, interleaved, sample_frames, turning
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADR
 from hadr.models.hand.keypoints import HandKeypointNet, predict_keypoints
-from hadr.models.inference import for_inference
 from hadr.models.segmentation import SegmentationNet, predict_logits
 from hadr.records.provenance import provenance
 from hadr.records.result_file import write_sealed
-from hadr.training.checkpoints import load_checkpoint
+from hadr.training.checkpoints import for_inference, load_checkpoint
 from hadr.training.presets import preset
 
 SIZE = (224, 224)

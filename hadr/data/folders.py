@@ -115,23 +115,11 @@ class FrameSource(Sequence[Frame]):
         names = [folder.names for folder in self.folders]
         return [names[folder][number] for folder, number in self._places]
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """The objects that occur, sorted."""
-        return tuple(sorted({name.partition("/")[0] for name in self.names}))
-
     def holds(self, names: Sequence[str]) -> list[str]:
-        """Say which hold each of some frames shows; frames of one hold are alike.
+        """Say which hold each of some frames, OBJECT/STEM, shows; frames of one hold are alike.
 
-        Args:
-            names: Frames, OBJECT/STEM, in the order of the folders.
-
-        Returns:
-            A name of the hold for each frame, another for each data folder and object; the frame's
-            own name where its hold is not known.
-
-        Raises:
-            ValueError: A frame is not there, or not in this order.
+        A hold has another name in each data folder and for each object; where it is not known it is
+        the frame's own. ValueError for a frame that is not there, or not in the folders' order.
         """
         logged = [folder.hold_ids for folder in self.folders]
         listed = (

@@ -169,16 +169,9 @@ def enlarge_restored(
     restored where the nearest of the small pixels that were asked for is known: so beyond the
     mask's rim the neighbour inside of it decides, and a hole within the mask stays a hole.
 
-    Args:
-        values: K images, shape (K, h, w).
-        known: Pixels that were restored, shape (h, w) bool.
-        asked: Pixels that were to be restored, shape (h, w) bool.
-        shape: (H, W) of the whole result.
-        window: Rows and columns of the result that are wanted; all where it is left out.
-
-    Returns:
-        The images, shape (K, H, W) float32 or the window's, zeros where nothing is known at all;
-        and where they hold a restored value, shape (H, W) bool or the window's.
+    From K images (K, h, w) and which pixels were restored, and were to be, (h, w) bool each, to
+    images (K, H, W) float32, zeros where nothing is known at all, and where they hold a restored
+    value, (H, W) bool; of these only the rows and columns of the window, if there is one.
     """
     rows, columns = window or (slice(0, shape[0]), slice(0, shape[1]))
     top, bottom, down = _neighbours(shape[0], known.shape[0], rows)

@@ -172,10 +172,7 @@ def through_window(forward: Forward) -> Forward:
 
 
 def _put_back(crop: HandCrop, parts: Tensor, rays: Tensor) -> Tensor:
-    """Look up depth, restored (and clamped), (B, 2 or 3, S, S), at the frames' pixels, (R, 3).
-
-    Each is the mean of those of the four pixels around it that are restored; 0 where none is.
-    """
+    """Look up depth and marks, (B, 2 or 3, S, S): means of the restored of four pixels around."""
     weighed = torch.cat((parts[:, :1] * parts[:, 1:2], parts[:, 1:]), dim=1)
     sums = crop.look_up(weighed, rays)  # (rays, 2 or 3)
     at = crop.place(rays[:, [2, 1]].to(parts.dtype), rays[:, 0])

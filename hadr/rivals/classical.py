@@ -104,14 +104,8 @@ def hand_median(
     The hand's pixels are those with a measured depth outside the object's mask that lie in the
     convex hull of the keypoints and, where a hand mask is known, in it; without one, those whose
     depth is within `SLACK_M` of the keypoints' range. Where no pixel is left, the keypoints' own
-    median depth is taken.
-
-    Args:
-        depth: See above.
-        mask: See above.
-        keypoints_uv: Hand keypoints in pixels (column, row), shape (21, 2).
-        keypoints_z: z-depth of the keypoints, camera frame, metres, shape (21,).
-        hand_mask: Pixels of the hand and arm, shape (H, W) bool, if known.
+    median depth is taken. Keypoints are pixels (column, row), (21, 2), and z-depth in metres,
+    (21,); the hand mask, (H, W) bool, is of hand and arm.
     """
     restored = raw(depth, mask)
     region = hand_region((depth.shape[0], depth.shape[1]), keypoints_uv)

@@ -306,14 +306,9 @@ _SEES: dict[str, Any] = {"view": WindowConfig(), "lite": LiteConfig()}
 
 def _seeing(recipe: Preset, epochs: int, sees: Mapping[str, Any], **changes: Any) -> Preset:
     """Make a recipe of `mini` see: fields of its network, and its own."""
-    own: dict[str, Any] = {
-        "width": 320,
-        "height": 180,
-        "encoder_rate": 0.1,
-        "validation_frames": 120,
-    }
     model: Any = replace(recipe.model, **sees)  # type: ignore[type-var]
-    return replace(recipe, name="imagenet", epochs=epochs, model=model, **own, **changes)
+    own: dict[str, Any] = {"model": model, "width": 320, "height": 180, "encoder_rate": 0.1}
+    return replace(recipe, name="imagenet", epochs=epochs, validation_frames=120, **own, **changes)
 
 
 _HADR_SEES = _seeing(_HADR_MINI, 10, {**_SEES, "voxel_relu": True}, ray_stride=3)

@@ -24,13 +24,7 @@ from torch import nn
 from hadr.records.provenance import provenance
 from hadr.records.reading import structured
 from hadr.records.writing import set_aside, write_whole
-from hadr.training.checkpoints import (
-    adam_state,
-    load_checkpoint,
-    load_training_state,
-    restore_adam,
-    save_checkpoint,
-)
+from hadr.training import checkpoints
 from hadr.training.recipe import Preset
 
 LAST = "last.safetensors"
@@ -110,7 +104,7 @@ class TrainingFolder:
 
         `result` is the network, or its average; smallest `score` of the history is the best epoch.
         """
-        state, device = adam_state(optimizer), next(network.parameters()).device
+        state, device = checkpoints.adam_state(optimizer), next(network.parameters()).device
         named = torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
         meta = {
             "width": self.recipe.width,
@@ -125,9 +119,9 @@ class TrainingFolder:
         }
         if result is not network:
             state |= {_RAW + name: values for name, values in network.state_dict().items()}
-        save_checkpoint(self.path / LAST, result, meta, training_state=state)
+        checkpoints.save_checkpoint(self.path / LAST, result, meta, training_state=state)
         if best_epoch(history, score) == len(history):
-            save_checkpoint(self.path / BEST, result, meta)
+            checkpoints.save_checkpoint(self.path / BEST, result, meta)
         self._write_history(history)
 
     def resume(
@@ -143,10 +137,10 @@ class TrainingFolder:
         """
         self.check_begun()
         last = self.path / LAST
-        earlier, meta = load_checkpoint(last)
+        earlier, meta = checkpoints.load_checkpoint(last)
         reached = structured(meta, _Reached, last, further=True)
         self._check_same(meta)
-        state = load_training_state(last)
+        state = checkpoints.load_training_state(last)
         raw = {n.removeprefix(_RAW): t for n, t in state.items() if n.startswith(_RAW)}
         moments = {n: t for n, t in state.items() if not n.startswith(_RAW)}
         if not moments:
@@ -154,7 +148,7 @@ class TrainingFolder:
         network.load_state_dict(raw or earlier.state_dict())
         if average is not None:
             average.load_state_dict(earlier.state_dict())
-        restore_adam(optimizer, moments)
+        checkpoints.restore_adam(optimizer, moments)
         history = [
             {name: math.nan if value is None else value for name, value in row.items()}
             for row in reached.history
@@ -162,9 +156,9 @@ class TrainingFolder:
         if best_epoch(history, reached.score) == len(history):
             there = None
             with contextlib.suppress(FileNotFoundError, ValueError):
-                there = load_checkpoint(self.path / BEST)[1].get("epochs")
+                there = checkpoints.load_checkpoint(self.path / BEST)[1].get("epochs")
             if there != len(history):
-                save_checkpoint(self.path / BEST, earlier, meta)
+                checkpoints.save_checkpoint(self.path / BEST, earlier, meta)
         self._write_history(history)
         return history
 

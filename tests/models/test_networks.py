@@ -12,9 +12,9 @@ from torch import nn
 
 from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.hand.keypoints import predict_keypoints
-from hadr.models.inference import for_inference
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 from hadr.models.segmentation import predict_logits
+from hadr.training.checkpoints import for_inference
 from hadr.training.presets import preset
 
 WITH_LITE = [kind for kind in DEPTH_NETWORKS if hasattr(NETWORKS[kind].config_class()(), "lite")]

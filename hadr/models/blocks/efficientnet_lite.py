@@ -85,14 +85,11 @@ ENDS = (1, 2, 4, 6)
 def _layer(
     channels: int, out: int, kernel: int = 1, stride: int = 1, groups: int = 1, left: int = 0
 ) -> list[nn.Module]:
-    """A convolution with its padding and normalisation.
-
-    A strided layer halves an even picture, and its padding is one short of even on both sides:
-    `left` says where the longer side is. Along the strided layers it changes sides, so that the
-    cells of every stage lie near the middle of their pixels: 1, 1, 5, 5 and 21 pixels from the
-    first one's, where half a cell is 0.5, 1.5, 3.5, 7.5 and 15.5. (TensorFlow pads on the right
-    alone: 1, 3, 7, 15 and 31.) What a cell computes stays the same.
-    """
+    """A convolution with its padding, one more on the left or not, and its normalisation."""
+    # A strided layer's padding is one short of even on both sides. Along the layers the longer side
+    # changes, so that the cells of every stage lie near the middle of their pixels: 1, 1, 5, 5, 21
+    # pixels from the first one's, where half a cell is 0.5, 1.5, 3.5, 7.5, 15.5; TensorFlow, which
+    # pads on the right alone, has 1, 3, 7, 15, 31.
     total = kernel - stride if stride > 1 else kernel - 1
     before = (total + left) // 2
     padding = nn.ZeroPad2d((before, total - before) * 2)
