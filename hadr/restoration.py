@@ -279,7 +279,25 @@ class Restorer:
         else:
             notes.append("nothing to restore: the depth is as measured")
             filled = _Filled(clean, np.zeros_like(clean), target, "none")
-        return _result(clean, filled, target, hand_mask, hand, notes)
+        restored_depth, changed = filled.depth.astype(np.float32), filled.changed
+        restored = changed & (restored_depth > 0)
+        if lost := int((changed & ~restored).sum()):
+            notes.append(f"{lost} of {int(changed.sum())} pixels of the mask could not be restored")
+        if outside := int((~changed & (restored_depth <= 0)).sum()):
+            notes.append(f"{outside} pixels outside the mask have no depth and stay missing")
+        confidence = np.where(changed, np.where(restored, filled.confidence, 0), clean > 0)
+        return Restoration(
+            depth=restored_depth,
+            confidence=confidence.astype(np.float32),
+            restored=restored,
+            method=filled.method,
+            notes=tuple(notes),
+            tolerance_m=filled.tolerance_m,
+            mask=target,
+            hand_mask=hand_mask,
+            hand=hand,
+            ground=filled.ground,
+        )
 
     def _fill(self, known: _Known, notes: list[str]) -> tuple[_Known, _Filled]:
         """Find the hand if need be, and fill the mask with the network or without."""
@@ -370,35 +388,3 @@ def restore(
     """
     restorer = Restorer(method, checkpoint, corruption=corruption)
     return restorer(color, depth, camera, mask, keypoints, hand_mask)
-
-
-def _result(
-    measured: Depth,
-    filled: _Filled,
-    mask: BoolArray,
-    hand_mask: BoolArray | None,
-    hand: Hand | None,
-    notes: list[str],
-) -> Restoration:
-    """Put the result together, and count what is missing."""
-    depth, changed = filled.depth.astype(np.float32), filled.changed
-    restored = changed & (depth > 0)
-    lost = int((changed & ~restored).sum())
-    if lost:
-        notes.append(f"{lost} of {int(changed.sum())} pixels of the mask could not be restored")
-    outside = int((~changed & (depth <= 0)).sum())
-    if outside:
-        notes.append(f"{outside} pixels outside the mask have no depth and stay missing")
-    confidence = np.where(changed, np.where(restored, filled.confidence, 0), measured > 0)
-    return Restoration(
-        depth=depth,
-        confidence=confidence.astype(np.float32),
-        restored=restored,
-        method=filled.method,
-        notes=tuple(notes),
-        tolerance_m=filled.tolerance_m,
-        mask=mask,
-        hand_mask=hand_mask,
-        hand=hand,
-        ground=filled.ground,
-    )

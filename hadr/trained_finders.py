@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,26 +44,26 @@ class SeenMasks(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Segmentation:
-    """A segmentation network, loaded once.
-
-    Attributes:
-        model: The network; its first class is the object and, where there is one, its second the
-            hand.
-        size: (width, height) that it runs at, pixels.
-        name: Name of the checkpoint's file.
-    """
+class _Finder:
+    """A network, loaded once, the (width, height) that it runs at, and its file's name."""
 
     model: Any
     size: tuple[int, int]
     name: str
+    kind: ClassVar[str]
 
     @classmethod
-    def load(cls, path: str | Path) -> Segmentation:
-        """Read a segmentation checkpoint; errors as `hadr.training.checkpoints.load_kind`."""
+    def load(cls, path: str | Path) -> Self:
+        """Read a checkpoint of this kind; errors as `hadr.training.checkpoints.load_kind`."""
         from hadr.training.checkpoints import load_kind
 
-        return cls(*load_kind(path, "segmentation"), Path(path).name)
+        return cls(*load_kind(path, cls.kind), Path(path).name)
+
+
+class Segmentation(_Finder):
+    """A segmentation network: its first class is the object, its second, if any, the hand."""
+
+    kind = "segmentation"
 
     def masks(self, color: NDArray[np.uint8]) -> SeenMasks:
         """Find the glass, and the hand with the arm, in RGB (H, W, 3) uint8."""
@@ -83,27 +83,11 @@ class Segmentation:
         return SeenMasks(large[0], large[1], float(sure.mean()) if sure.size else 0.0)
 
 
-@dataclass(frozen=True)
-class HandKeypoints:
-    """A hand-keypoint network, loaded once.
+class HandKeypoints(_Finder):
+    """A hand-keypoint network; frames are brought to its size before the hand is cut out."""
 
-    Attributes:
-        model: The network.
-        size: (width, height) that frames are brought to before the hand is cut out, pixels.
-        name: Name of the checkpoint's file.
-    """
-
-    model: Any
-    size: tuple[int, int]
-    name: str
-    needs_hand_mask: ClassVar[bool] = True
-
-    @classmethod
-    def load(cls, path: str | Path) -> HandKeypoints:
-        """Read a hand-keypoint checkpoint; errors as `Segmentation.load`."""
-        from hadr.training.checkpoints import load_kind
-
-        return cls(*load_kind(path, "hand-keypoints"), Path(path).name)
+    kind = "hand-keypoints"
+    needs_hand_mask = True
 
     def find(
         self,

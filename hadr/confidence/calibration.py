@@ -154,10 +154,9 @@ class ConfidenceRule:
 
 
 def signal_of(output: Any) -> Any:
-    """What HADR-plus's output says of its answer (torch): (B, H, W), larger = surer.
+    """Minus the logarithm of HADR-plus's (spread + 1 mm) (torch), 0 where not restored: (B, H, W).
 
-    It is minus the logarithm of (spread of the predicted distribution of depth + 1 mm); 0 where not
-    restored.
+    Larger = surer.
     """
     return -(output.spread.clamp(min=0) + FLOOR_M).log() * output.restored
 

@@ -81,11 +81,7 @@ def open_known_unknown(root: Path | None = None) -> dict[str, TransHand]:
 
 
 def open_gallery() -> TransHand:
-    """Open the few bundled frames of 1280x720, whatever their split.
-
-    Raises:
-        FileNotFoundError: They are not there.
-    """
+    """Open the few bundled frames of 1280x720, of all splits; FileNotFoundError without them."""
     root = samples_dir() / "gallery"
     if not root.is_dir():
         raise FileNotFoundError(

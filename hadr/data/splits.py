@@ -18,15 +18,6 @@ OBJECT_IDS = ("0000", "0001", "0004", "0005", "0006", "0007", "0008", "0009")
 UNKNOWN_OBJECTS = ("0004", "0007")
 #: The paper's ratio of training, validation and testing frames.
 PAPER_RATIO = (7.0, 2.0, 1.0)
-_NAMES = ("train", "val", "test")
-
-
-def _counts(n: int, ratio: Sequence[float]) -> list[int]:
-    weights = np.asarray(ratio, dtype=float)
-    if weights.shape != (3,) or (weights < 0).any() or weights.sum() <= 0:
-        raise ValueError(f"ratio must be three weights train:val:test, got {tuple(ratio)}")
-    edges = np.round(np.cumsum(weights / weights.sum()) * n).astype(int)
-    return [int(c) for c in np.diff(np.concatenate([[0], edges]))]
 
 
 def split_by_frame(
@@ -37,18 +28,17 @@ def split_by_frame(
     The weights are of train, val and test. Gives ``train``, ``val`` or ``test`` per frame, shape
     (n_frames,); ValueError where the ratio is not three weights.
     """
-    names = np.repeat(np.asarray(_NAMES), _counts(n_frames, ratio))
-    return rng.permutation(names)
+    weights = np.asarray(ratio, dtype=float)
+    if weights.shape != (3,) or (weights < 0).any() or weights.sum() <= 0:
+        raise ValueError(f"ratio must be three weights train:val:test, got {tuple(ratio)}")
+    ends = np.round(np.cumsum(weights / weights.sum()) * n_frames).astype(int)
+    return rng.permutation(np.repeat(("train", "val", "test"), np.diff(ends, prepend=0)))
 
 
 def split_by_holding(
     hold_ids: Sequence[str], rng: np.random.Generator, ratio: Sequence[float] = PAPER_RATIO
 ) -> npt.NDArray[np.str_]:
-    """Give each holding pose a split at random; all its frames follow.
-
-    Arguments as `split_by_frame`, but for the name of each frame's holding pose; the ratio counts
-    poses.
-    """
+    """Give each frame's holding pose a split as `split_by_frame` does: the ratio counts poses."""
     poses, pose_of = np.unique(np.asarray(hold_ids), return_inverse=True)
     return np.asarray(split_by_frame(len(poses), rng, ratio)[pose_of])
 

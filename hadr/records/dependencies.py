@@ -38,7 +38,8 @@ def code_digest(*modules: str, without: Collection[str] = ()) -> str:
         whole.update(f"{name} {code}\0".encode())
         for file in sorted(path.parent.iterdir()):
             if file.name in words and file.suffix != ".py" and file.is_file():
-                whole.update(f"{file.name} {_sha256(file.read_bytes())}\0".encode())
+                digest = hashlib.sha256(file.read_bytes()).hexdigest()
+                whole.update(f"{file.name} {digest}\0".encode())
     return whole.hexdigest()
 
 
@@ -77,7 +78,7 @@ def _read(text: str) -> tuple[str, frozenset[str]]:
     """Checksum of a module's code, and the words in it."""
     tree = ast.parse(text)
     words = _prune(tree)
-    return _sha256(ast.dump(tree).encode()), frozenset(words)
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), frozenset(words)
 
 
 def _prune(tree: ast.AST) -> set[str]:
@@ -106,7 +107,3 @@ def _effective(statement: ast.stmt) -> list[ast.stmt]:
         case ast.If(test=ast.Name(id="TYPE_CHECKING"), orelse=otherwise):
             return [done for each in otherwise for done in _effective(each)]
     return [statement]
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()

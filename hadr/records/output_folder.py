@@ -111,11 +111,7 @@ def wrote(path: Path, **fields: str) -> bool:
 
 
 def check_folder(path: str | Path) -> None:
-    """Refuse a folder for results that is a file, or would lie in one; also as `check_apart`.
-
-    Raises:
-        ValueError: It is, or does, or it is a link that leads nowhere, such as to itself.
-    """
+    """Refuse, by a ValueError, a folder that is or lies in a file; also as `check_apart`."""
     _check_no_file(path)
     check_apart(Path(path) / "result")
 
@@ -215,17 +211,10 @@ def check_replaceable(
 
 
 def check_output_folder(folder: str | Path) -> Path:
-    """Refuse a folder for results in which sources lie, or which lies among them.
+    """Refuse a folder for results, which may be missing, in or among sources; give its real path.
 
-    Args:
-        folder: It may be missing.
-
-    Returns:
-        Its absolute path, links followed.
-
-    Raises:
-        ValueError: It has no name, or is a file; or it is, contains or lies in one of the
-            checkout's own folders.
+    ValueError where it has no name, or is a file; or it is, contains or lies in one of the
+    checkout's own folders.
     """
     if not str(folder).strip():
         raise ValueError("expected the name of a folder for what is made, got an empty one")

@@ -39,15 +39,10 @@ class HandCrop:
 
     def sample(self, images: Tensor, mode: str = "nearest") -> Tensor:
         """Cut the crops (B, C, size, size) out of images (B, C, H, W); zeros outside of them."""
-        height, width = images.shape[2:]
         offset = torch.arange(self.size, device=images.device) - (self.size - 1) / 2
         u = self.center[:, :1] + offset * self.step[:, :1]  # (B, size)
         v = self.center[:, 1:] + offset * self.step[:, 1:]  # (B, size)
-        x = ((2 * u + 1) / width - 1)[:, None, :].expand(-1, self.size, -1)
-        y = ((2 * v + 1) / height - 1)[:, :, None].expand(-1, -1, self.size)
-        return functional.grid_sample(
-            images, torch.stack((x, y), dim=-1), mode=mode, align_corners=False
-        )
+        return sample_at(images, u, v, mode)
 
     def spread(self, crops: Tensor, size: Sequence[int]) -> tuple[Tensor, Tensor]:
         """Interpolate crops (B, C, size, size) at all pixels of frames of (rows, columns).
@@ -85,6 +80,15 @@ class HandCrop:
                 value = crops[frame, :, low[:, 1] + down, low[:, 0] + right]  # (R, C)
                 total = total + weight[:, None] * value
         return total
+
+
+def sample_at(images: Tensor, u: Tensor, v: Tensor, mode: str) -> Tensor:
+    """Sample images (B, C, H, W) in columns u and rows v, pixels (B, S), zeros outside of them."""
+    height, width = images.shape[2:]
+    x = ((2 * u + 1) / width - 1)[:, None, :].expand(-1, v.shape[1], -1)
+    y = ((2 * v + 1) / height - 1)[:, :, None].expand(-1, -1, u.shape[1])
+    grid = torch.stack((x, y), dim=-1)  # (B, S, S, 2)
+    return functional.grid_sample(images, grid, mode=mode, align_corners=False)
 
 
 def hand_crop(inputs: HADRInput, size: int, pixel_m: float) -> HandCrop:

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from hadr.models.hand.crop import sample_at
 from hadr.models.network_input import ray_points
 
 BESIDE = 1 / 64
@@ -45,17 +46,11 @@ class HandCube:
             Depth in the cube, -1 = its front, shape (B, 1, size, size); 1 where depth is missing,
             outside of the image, and before or behind the cube.
         """
-        height, width = depth.shape[1:]
         middle, reach = self._middle_and_reach()
         across = (torch.arange(self.size, device=depth.device) + 0.5) * (2 / self.size) - 1
         u = middle[:, :1] + across * reach[:, :1]  # (B, size)
         v = middle[:, 1:] + across * reach[:, 1:]  # (B, size)
-        x = ((2 * u + 1) / width - 1)[:, None, :].expand(-1, self.size, -1)
-        y = ((2 * v + 1) / height - 1)[:, :, None].expand(-1, -1, self.size)
-        grid = torch.stack((x, y), dim=-1)  # (B, size, size, 2)
-        found = functional.grid_sample(
-            depth[:, None], grid, mode="nearest", align_corners=False
-        )  # (B, 1, size, size)
+        found = sample_at(depth[:, None], u, v, "nearest")  # (B, 1, size, size)
         relative = (found - self.center[:, 2, None, None, None]) / (self.side_m / 2)
         inside = (found > 0) & (relative > -1) & (relative < 1)
         return torch.where(inside, relative, torch.ones_like(relative))

@@ -32,7 +32,7 @@ from scipy import ndimage
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics
 from hadr.frame_io import quiet
-from hadr.hand import KEYPOINT_NAMES, lift_keypoints
+from hadr.hand import check_keypoints, lift_keypoints
 from hadr.models.hand.plausible import LEAST_SEEN, NoHandError, median_depth
 
 NEAR_PIXELS = 2
@@ -77,7 +77,8 @@ def lift_landmarks(
         raise ValueError(f"hand_mask must be {camera.shape}, got {hand_mask.shape}")
     if not result.hand_landmarks:
         raise NoHandError("it sees none in the picture")
-    hands = [_coordinates(hand) for hand in result.hand_landmarks]  # (21, 3): right, down, away
+    # Each (21, 3): to the right, down, and away from the camera.
+    hands = [check_keypoints([[p.x, p.y, p.z] for p in hand]) for hand in result.hand_landmarks]
     size = np.array([camera.width, camera.height])
     pixels = [hand[:, :2] * size - 0.5 for hand in hands]  # from the edges to pixel centres
     chosen = 0 if beside is None else _nearest(pixels, beside)
@@ -94,17 +95,6 @@ def lift_landmarks(
         return lift_keypoints(uv, deeper * wrist, wrist, camera)
     except ValueError as error:
         raise NoHandError(f"what it sees can't be lifted to 3D: {error}") from error
-
-
-def _coordinates(landmarks: Sequence[Any]) -> npt.NDArray[np.float64]:
-    if len(landmarks) != len(KEYPOINT_NAMES):
-        raise ValueError(f"a hand has {len(KEYPOINT_NAMES)} landmarks, got {len(landmarks)}")
-    points = np.array([[p.x, p.y, p.z] for p in landmarks], dtype=float)
-    bad = ~np.isfinite(points).all(axis=1)
-    if bad.any():
-        names = ", ".join(KEYPOINT_NAMES[i] for i in np.flatnonzero(bad))
-        raise ValueError(f"landmarks must be finite; not so: {names}")
-    return points
 
 
 def _nearest(hands: Sequence[npt.NDArray[np.float64]], pixels: BoolArray) -> int:

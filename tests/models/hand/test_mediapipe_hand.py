@@ -101,7 +101,7 @@ def test_no_hand_is_said() -> None:
 def test_wrong_results_are_named() -> None:
     short = result_of(hand())
     short.hand_landmarks[0].pop()
-    with pytest.raises(ValueError, match="21 landmarks, got 20"):
+    with pytest.raises(ValueError, match=r"21 keypoints, shape \(21, 3\) in metres; got \(20, 3\)"):
         lift_landmarks(short, wall(), CAMERA)
     broken = result_of(hand())
     broken.hand_landmarks[0][8].x = float("nan")
