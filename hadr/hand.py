@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -42,19 +43,12 @@ FINGERS: dict[str, tuple[int, int, int, int]] = {
 }
 #: The 20 bones between keypoints, as (parent, child).
 BONES: tuple[tuple[int, int], ...] = tuple(
-    (0 if joint == 0 else indices[joint - 1], indices[joint])
-    for indices in FINGERS.values()
-    for joint in range(4)
+    bone for joints in FINGERS.values() for bone in pairwise((0, *joints))
 )
 #: Parent of each of the 22 joints; the wrist has none (-1). Four fingers hang on the virtual palm.
 SKELETON_PARENTS: tuple[int, ...] = (
-    -1,
-    0,
-    *(
-        ((0 if finger == "thumb" else 1) if joint == 0 else 2 + 4 * i + joint - 1)
-        for i, finger in enumerate(_FINGER_JOINTS)
-        for joint in range(4)
-    ),
+    *(-1, 0),
+    *(parent for i in range(5) for parent in (min(i, 1), 4 * i + 2, 4 * i + 3, 4 * i + 4)),
 )
 #: Names of the twenty joint angles of a hand, four per finger, radians.
 ANGLE_NAMES: tuple[str, ...] = (

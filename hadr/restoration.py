@@ -16,32 +16,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hadr import frame_checks as checks
+from hadr import trained_finders as finders
 from hadr.camera import BoolArray, FloatArray, Intrinsics, valid_depth
 from hadr.confidence.known_ground import Verdict
 from hadr.corruption import CORRUPTIONS, Corruption
-from hadr.frame_checks import (
-    SQUARE,
-    checked_depth,
-    checked_hand,
-    depth_to_use,
-    note_measured,
-    note_size,
-    told_color,
-)
 from hadr.models.hand.plausible import check_hand
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
-from hadr.trained_finders import (
-    GIVEN,
-    NO_HAND,
-    Hand,
-    HandFinder,
-    HandKeypoints,
-    Points,
-    Segmentation,
-    find_hand,
-    find_masks,
-)
 from hadr.trained_networks import DepthNetwork
 
 METHODS = ("auto", *DEPTH_NETWORKS, "nearest", "inpaint", "hand-median")
@@ -80,11 +62,11 @@ class Restoration:
     tolerance_m: float | None
     mask: BoolArray
     hand_mask: BoolArray | None = None
-    hand: Hand | None = None
+    hand: finders.Hand | None = None
     ground: Verdict | None = None
 
     @property
-    def keypoints(self) -> Points | None:
+    def keypoints(self) -> finders.Points | None:
         """The 21 hand keypoints that were used, if any were."""
         return self.hand.keypoints if self.hand is not None and self.hand.accepted else None
 
@@ -100,18 +82,18 @@ class _Known:
     given_mask: bool
     hand_mask: BoolArray | None
     presence: float | None
-    hand: Hand | None = None
+    hand: finders.Hand | None = None
 
     def unlike_training(self, network: DepthNetwork, trusted: Corruption) -> Iterator[str]:
         """What the network is given in another way than in training, in words."""
         if CORRUPTIONS[trusted].erase != network.erases and not network.skips_mask:
             was, now = ("none", "is") if network.erases else ("some", "is none")
             yield f"there {now} measured depth in the mask, in training there was {was}"
-        if abs((pixels := self.camera.fy / self.camera.fx) - 1) > SQUARE:
+        if abs((pixels := self.camera.fy / self.camera.fx) - 1) > checks.SQUARE:
             yield f"fy is {pixels:.2f} times fx, in training pixels were square"
         if not self.given_mask:
             yield "the mask is not given, in training it was the true one"
-        if self.hand is not None and self.hand.source != GIVEN:
+        if self.hand is not None and self.hand.source != finders.GIVEN:
             yield f"the hand was found by {self.hand.source}, in training it was the true one"
         yield from self.odd_color()
 
@@ -119,10 +101,11 @@ class _Known:
         """What the hand's pixels say of the picture, in words."""
         if self.hand is None or not self.hand.accepted:
             return ()
-        return told_color(self.color, self.depth, self.camera, self.target, self.hand.keypoints)
+        place = self.camera, self.target, self.hand.keypoints
+        return checks.told_color(self.color, self.depth, *place)
 
     @property
-    def keypoints(self) -> Points | None:
+    def keypoints(self) -> finders.Points | None:
         """Those of a hand that is used."""
         return self.hand.keypoints if self.hand is not None and self.hand.accepted else None
 
@@ -169,8 +152,8 @@ class Restorer:
         network: str | Path | DepthNetwork | None = None,
         *,
         corruption: Corruption | None = None,
-        segmentation: str | Path | Segmentation | None = None,
-        keypoint_network: str | Path | HandFinder | None = None,
+        segmentation: str | Path | finders.Segmentation | None = None,
+        keypoint_network: str | Path | finders.HandFinder | None = None,
     ) -> None:
         for name, value, known in (
             ("method", method, METHODS),
@@ -186,9 +169,9 @@ class Restorer:
             )
         self.method, self.corruption, self._given = method, corruption, network
         if isinstance(segmentation, str | Path):
-            segmentation = Segmentation.load(segmentation)
+            segmentation = finders.Segmentation.load(segmentation)
         if isinstance(keypoint_network, str | Path):
-            keypoint_network = HandKeypoints.load(keypoint_network)
+            keypoint_network = finders.HandKeypoints.load(keypoint_network)
         self.segmentation, self.finder = segmentation, keypoint_network
 
     @cached_property
@@ -248,11 +231,11 @@ class Restorer:
                 the value and what is expected.
         """
         notes: list[str] = []
-        clean = checked_depth(color, depth, camera, notes)
-        given = None if keypoints is None else checked_hand(keypoints, camera, notes)
+        clean = checks.checked_depth(color, depth, camera, notes)
+        given = None if keypoints is None else checks.checked_hand(keypoints, camera, notes)
         finder = self.finder if given is None else None
         ask_hand = self.method == "hand-median" or (finder is not None and finder.needs_hand_mask)
-        target, hand_mask, presence = find_masks(
+        target, hand_mask, presence = finders.find_masks(
             self.segmentation, color, clean, mask, hand_mask, ask_hand, notes
         )
         hand = None
@@ -263,10 +246,11 @@ class Restorer:
                     "expected at least one pixel with depth outside of it"
                 )
             if mask is not None or self.segmentation is not None:
-                note_size(target, clean, camera, notes)
+                checks.note_size(target, clean, camera, notes)
             known = _Known(color, clean, camera, target, mask is not None, hand_mask, presence)
             if given is not None:
-                hand = Hand(given, GIVEN, check_hand(given, clean, camera, target, given=True))
+                check = check_hand(given, clean, camera, target, given=True)
+                hand = finders.Hand(given, finders.GIVEN, check)
                 known = replace(known, hand=hand)
                 if hand.doubtful:
                     notes.append(
@@ -275,7 +259,7 @@ class Restorer:
                     )
             known, filled = self._fill(known, notes)
             hand = known.hand
-            notes += self._unused(filled.method, given is not None, known.keypoints, hand_mask)
+            notes += self._unused(filled.method, given is not None, known)
         else:
             notes.append("nothing to restore: the depth is as measured")
             filled = _Filled(clean, np.zeros_like(clean), target, "none")
@@ -304,14 +288,14 @@ class Restorer:
         network = self._fitting(known.hand is not None or self.finder is not None)
         learned: Corruption = "oracle" if isinstance(network, str) else network.corruption
         trusted = self.corruption or learned
-        seen = depth_to_use(known.depth, known.target, trusted)
+        seen = checks.depth_to_use(known.depth, known.target, trusted)
         if known.hand is None and self.finder is not None:
             searched = known.color, seen, known.camera, known.target, known.hand_mask
-            hand = find_hand(self.finder, *searched, known.depth, known.presence, notes)
+            hand = finders.find_hand(self.finder, *searched, known.depth, known.presence, notes)
             known = replace(known, hand=hand)
             network = self._fitting(known.keypoints is not None)
         skipped_by = None if isinstance(network, str) or not network.skips_mask else network.title
-        note_measured(known.depth, known.target, trusted, skipped_by, notes)
+        checks.note_measured(known.depth, known.target, trusted, skipped_by, notes)
         if isinstance(network, str):
             method = self._without_network(network, notes)
             notes += known.odd_color()
@@ -333,18 +317,16 @@ class Restorer:
             sure, tolerance = np.zeros_like(sure), None
         return known, _Filled(filled, sure, known.target, network.kind, tolerance, answer.ground)
 
-    def _unused(
-        self, method: str, given: bool, keypoints: Points | None, hand_mask: BoolArray | None
-    ) -> Iterator[str]:
+    def _unused(self, method: str, given: bool, known: _Known) -> Iterator[str]:
         """What was given or found and not used, in words."""
-        finder = self.finder
+        finder, keypoints = self.finder, known.keypoints
         if finder is not None and given:
             yield f"the hand is given: {finder.name} was not used"
         if keypoints is not None and method in ("nearest", "inpaint"):
             yield f"{method} does not look at the hand"
         asked = finder is not None and not given and finder.needs_hand_mask
         looked = method == "hand-median" or asked
-        if hand_mask is not None and not looked:
+        if known.hand_mask is not None and not looked:
             yield f"{method} does not look at the hand mask"
 
     def _fitting(self, hand_is_known: bool) -> DepthNetwork | str:
@@ -359,7 +341,7 @@ class Restorer:
     def _without_network(self, why: DepthNetwork | str, notes: list[str]) -> str:
         """The classical method to use where no network fits."""
         if self.method in DEPTH_NETWORKS:
-            reasons = (note for note in notes if note.startswith(NO_HAND))
+            reasons = (note for note in notes if note.startswith(finders.NO_HAND))
             raise ValueError(
                 "; ".join((f"method {self.method}: no checkpoint fits: {why}", *reasons))
             )

@@ -18,6 +18,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hadr import ray_voxels
 from hadr.hand import absolute_hand_feature, relative_hand_feature
 from hadr.models.backbone import BackboneConfig, ColorBackbone
 from hadr.models.blocks.efficientnet_lite import LiteConfig
@@ -27,17 +28,6 @@ from hadr.models.network_input import DepthOutput, HADRInput, float_color, maske
 from hadr.models.ray_features import RayFeatures, features_at
 from hadr.models.voxel_features import VoxelFeatures
 from hadr.models.window import WindowConfig, through_window
-from hadr.ray_voxels import (
-    OccupiedVoxels,
-    RayVoxelPairs,
-    VoxelGrid,
-    occupied_voxels,
-    pair_of_true_point,
-    ray_voxel_pairs,
-    segment_argmax,
-    segment_softmax,
-    select_points,
-)
 from hadr.records.provenance import IF_CHANGED
 
 HandFeature = Literal["none", "2d", "xy", "3d"]
@@ -81,7 +71,7 @@ class HADRConfig(NetworkConfig):
     aggregation: bool = True
     point_fusion: bool = True
     backbone: BackboneConfig = field(default_factory=BackboneConfig)
-    grid: VoxelGrid = field(default_factory=VoxelGrid)
+    grid: ray_voxels.VoxelGrid = field(default_factory=ray_voxels.VoxelGrid)
     feature_channels: int = 32
     voxel_width: int = 128
     decoder_widths: tuple[int, ...] = (256, 128, 64)
@@ -130,8 +120,8 @@ class HADROutput(DepthOutput):
     rays: Tensor
     points: Tensor
     chosen: Tensor
-    pairs: RayVoxelPairs
-    occupied: OccupiedVoxels
+    pairs: ray_voxels.RayVoxelPairs
+    occupied: ray_voxels.OccupiedVoxels
     logits: Tensor
     probability: Tensor
     offset: Tensor
@@ -200,10 +190,10 @@ class HADR(nn.Module):
         picture = float_color(inputs.color)  # (B, 3, H, W)
         dense = self.backbone(picture)  # (B, 32, H, W)
 
-        pixels = select_points(inputs.depth, self.config.max_points)  # (points, 3)
+        pixels = ray_voxels.select_points(inputs.depth, self.config.max_points)  # (points, 3)
         away = inputs.depth[*pixels.unbind(dim=1)]  # (points,)
         points = ray_points(pixels, away, inputs.intrinsics)  # (points, 3)
-        occupied = occupied_voxels(points, pixels[:, 0], grid, len(inputs))
+        occupied = ray_voxels.occupied_voxels(points, pixels[:, 0], grid, len(inputs))
         color = features_at(dense if self.config.point_fusion else picture, pixels)
         voxel = self.voxel_features(
             points, color, occupied.point_voxel, occupied.center
@@ -214,7 +204,7 @@ class HADR(nn.Module):
         directions = functional.normalize(
             ray_points(rays, unit_depth, inputs.intrinsics), dim=1
         )  # (rays, 3)
-        pairs = ray_voxel_pairs(directions, rays[:, 0], occupied, grid)
+        pairs = ray_voxels.ray_voxel_pairs(directions, rays[:, 0], occupied, grid)
 
         in_ray = torch.cat(
             (self.ray_features(dense, rays), encode_position(directions, DIRECTION_LEVELS)), dim=1
@@ -232,12 +222,12 @@ class HADR(nn.Module):
         logits = self.probability_decoder.finish(first)  # (pairs,)
         if self.config.clamp_probability:
             logits = leaky_clamp(logits)
-        probability = segment_softmax(logits, pairs.ray, pairs.n_rays)  # (pairs,)
-        chosen = segment_argmax(probability.detach(), pairs.ray, pairs.n_rays)  # (rays,)
+        probability = ray_voxels.segment_softmax(logits, pairs.ray, pairs.n_rays)  # (pairs,)
+        chosen = ray_voxels.segment_argmax(probability.detach(), pairs.ray, pairs.n_rays)  # (rays,)
         if true_depth is not None:
             away = true_depth[*rays.unbind(dim=1)]  # (rays,)
             true_points = ray_points(rays, away, inputs.intrinsics)
-            true_pair = pair_of_true_point(pairs, occupied, true_points, grid)
+            true_pair = ray_voxels.pair_of_true_point(pairs, occupied, true_points, grid)
             chosen = torch.where(true_pair >= 0, true_pair, chosen)
 
         # Only the chosen pair of a ray needs an offset: the loss sees no other.
@@ -269,7 +259,7 @@ class HADR(nn.Module):
         )
         return output, Seen(points, color, directions, in_ray)
 
-    def _hand_feature(self, inputs: HADRInput, occupied: OccupiedVoxels) -> Tensor:
+    def _hand_feature(self, inputs: HADRInput, occupied: ray_voxels.OccupiedVoxels) -> Tensor:
         """Give each voxel its hand feature: (voxels, `hand_width`)."""
         if self.config.hand == "none":
             return occupied.center.new_zeros(len(occupied), 0)

@@ -39,6 +39,8 @@ NEAR_PIXELS = 2
 """How many pixels around a landmark's are looked at for its depth."""
 HANDS = 4
 """At most so many hands are looked at: those of two people."""
+CONFIDENCE = 0.5
+"""From this confidence on a hand counts as found."""
 
 
 def lift_landmarks(
@@ -111,20 +113,17 @@ class MediaPipeHand:
 
     Args:
         model: Its model's file, `hand_landmarker.task`, as `hadr hand-model` makes it.
-        confidence: From this confidence on a hand counts as found, 0..1.
 
     Raises:
         ImportError: MediaPipe is not installed.
         FileNotFoundError: There is no such file.
-        ValueError: `confidence` is out of its range, or the file is no such model.
+        ValueError: The file is no such model.
     """
 
     name = "MediaPipe"
     needs_hand_mask = False
 
-    def __init__(self, model: str | Path, confidence: float = 0.5) -> None:
-        if not 0 <= confidence <= 1:
-            raise ValueError(f"confidence must be from 0 to 1, got {confidence}")
+    def __init__(self, model: str | Path) -> None:
         if importlib.util.find_spec("mediapipe") is None:
             raise ImportError(
                 "hand keypoints from colour need MediaPipe, which is not installed: "
@@ -145,7 +144,7 @@ class MediaPipeHand:
                     tasks.vision.HandLandmarkerOptions(
                         base_options=tasks.BaseOptions(model_asset_path=str(model)),
                         num_hands=HANDS,
-                        min_hand_detection_confidence=confidence,
+                        min_hand_detection_confidence=CONFIDENCE,
                     )
                 )
         except (RuntimeError, ValueError) as error:

@@ -158,10 +158,10 @@ def test_the_landmarker_is_asked_and_closed(tmp_path) -> None:
     path = tmp_path / "hand_landmarker.task"
     path.write_bytes(b"model")
     color = np.zeros((120, 160, 3), dtype=np.uint8)
-    with MediaPipeHand(path, confidence=0.3) as detector:
+    with MediaPipeHand(path) as detector:
         found = detector.find(color, skin_of(spread()), CAMERA)
         assert detector._landmarker.options["base_options"] == {"model_asset_path": str(path)}
-        assert detector._landmarker.options["min_hand_detection_confidence"] == 0.3
+        assert detector._landmarker.options["min_hand_detection_confidence"] == 0.5
         with pytest.raises(ValueError, match=r"color must be \(120, 160, 3\) uint8"):
             detector.find(color[:4], wall(), CAMERA)
     np.testing.assert_allclose(found, spread(), atol=1e-6)
