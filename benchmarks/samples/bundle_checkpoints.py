@@ -34,7 +34,7 @@ from hadr.experiments.protocol import Experiment, open_part
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.press.reproduce import checkout_root
 from hadr.synthesis.glass.objects import OBJECTS
-from hadr.training.checkpoints import Stored, load_checkpoint, strip_checkpoint, update_record
+from hadr.training.checkpoints import Stored, load_checkpoint, save_checkpoint, update_record
 
 STORED: Stored = "int8"
 SOURCES: dict[str, tuple[str, Experiment | None]] = {
@@ -66,7 +66,7 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
     source, experiment = SOURCES[name]
     small = folder / f"{name}.safetensors"
     camera = source.startswith("handover/")
-    strip_checkpoint(made / source / "last.safetensors", small, STORED)
+    save_checkpoint(small, *load_checkpoint(made / source / "last.safetensors"), stored=STORED)
     model, record = load_checkpoint(small)
     depth, keypoints = DEPTHS[camera]
     where = "before the robot" if camera else "of TransHand-mini"

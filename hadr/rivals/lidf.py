@@ -172,12 +172,6 @@ class LIDFConfig(NetworkConfig):
             lite=self.lite,
         )
 
-    @property
-    def refine_parts(self) -> tuple[int, int, int]:
-        """Widths of what the refinement's decoder takes of ray, voxel and current answer."""
-        ray, voxel, _ = self.first_stage.parts
-        return ray, voxel, 3 * (1 + 2 * POSITION_LEVELS)
-
 
 @dataclass(frozen=True)
 class LIDFOutput(HADROutput):
@@ -207,9 +201,8 @@ class Refinement(nn.Module):
         self.voxel_features = VoxelFeatures(
             point_fusion=False, width=config.voxel_width, voxel_relu=config.voxel_relu
         )
-        self.offset_decoder = OffsetDecoder(
-            config.refine_parts, config.decoder_widths, config.offset_steps
-        )
+        parts = (*config.first_stage.parts[:2], 3 * (1 + 2 * POSITION_LEVELS))  # ray, voxel, answer
+        self.offset_decoder = OffsetDecoder(parts, config.decoder_widths, config.offset_steps)
         # It starts as the identity: an offset of 0.5, which is no move, whatever it sees.
         last = self.offset_decoder.decoder.rest[-1]
         no_move = (0.5 - OffsetDecoder.start) / config.offset_steps

@@ -221,11 +221,6 @@ def trained_corruption(meta: Mapping[str, Any]) -> Corruption:
     raise ValueError(f"corruption must be one of {', '.join(CORRUPTIONS)}, got {stored!r}")
 
 
-def strip_checkpoint(source: str | Path, target: str | Path, stored: Stored) -> None:
-    """Write a checkpoint's weights alone, in fewer bits; errors as `load_checkpoint`."""
-    save_checkpoint(target, *load_checkpoint(source), stored=stored)
-
-
 def update_record(path: str | Path, additions: Mapping[str, Any]) -> dict[str, Any]:
     """Add to a checkpoint's record, in it and beside it; give it. Tensors keep their bytes.
 

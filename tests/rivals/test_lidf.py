@@ -10,7 +10,7 @@ from hadr.confidence.calibration import within_learned
 from hadr.models.backbone import imagenet_normal
 from hadr.models.network_input import HADRInput
 from hadr.models.ray_features import features_at
-from hadr.rivals.lidf import LIDF, DilatedResNet, DilatedResNetConfig, LIDFConfig
+from hadr.rivals.lidf import LIDF, DilatedResNet, DilatedResNetConfig, LIDFConfig, Refinement
 
 MICRO = LIDFConfig(
     backbone=DilatedResNetConfig(depths=(1, 1, 1, 1), widths=(8, 8, 8, 8)),
@@ -62,8 +62,9 @@ def test_the_decoders_input_is_385_wide_and_the_refinements_334() -> None:
     config = LIDFConfig()
     assert config.first_stage.parts == (155, 128, 102)
     assert sum(config.first_stage.parts) == 385
-    assert config.refine_parts == (155, 128, 51)
-    assert sum(config.refine_parts) == 334
+    parts = Refinement(config).offset_decoder.decoder.first.parts[:3]
+    assert parts == (155, 128, 51)
+    assert sum(parts) == 334
     assert config.hand == "none"
 
 

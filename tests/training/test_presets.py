@@ -15,7 +15,7 @@ from hadr.models.networks import NETWORKS
 from hadr.records.provenance import plain
 from hadr.rivals.unet_hand import UNetHandConfig
 from hadr.training import presets
-from hadr.training.checkpoints import load_checkpoint, save_checkpoint, strip_checkpoint
+from hadr.training.checkpoints import load_checkpoint, save_checkpoint
 from hadr.training.loop import optimizer_of
 from hadr.training.presets import RECIPES, preset, recipe_from_dict
 from hadr.training.recipe import Preset
@@ -153,7 +153,7 @@ def test_a_checkpoint_of_every_network_is_read_as_that_network(network, tmp_path
     sizes = {"net": (tmp_path / "net.safetensors").stat().st_size}
     for stored in ("float16", "int8"):
         path = tmp_path / f"{stored}.safetensors"
-        strip_checkpoint(tmp_path / "net.safetensors", path, stored)
+        save_checkpoint(path, *load_checkpoint(tmp_path / "net.safetensors"), stored=stored)
         small, meta = load_checkpoint(path)
         assert meta["network"] == network
         for name, values in small.state_dict().items():

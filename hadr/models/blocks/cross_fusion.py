@@ -43,7 +43,11 @@ class WindowCrossAttention(nn.Module):
         there = self._windows(there, side)[..., 0].unsqueeze(-2)  # (1, windows, heads, 1, tokens)
         weights = scores.masked_fill(~there, UNMIXED).softmax(dim=-1)
         told = weights.to(value.dtype) @ value  # (B, windows, heads, tokens, C / heads)
-        answer: Tensor = self.answer(self._map(told, side, height, width))
+        (tall, wide), frames = side, len(told)
+        down, across = -(-height // tall), -(-width // wide)
+        parts = told.reshape(frames, down, across, self.heads, tall, wide, -1)
+        whole = parts.permute(0, 1, 4, 2, 5, 3, 6).reshape(frames, down * tall, across * wide, -1)
+        answer: Tensor = self.answer(whole[:, :height, :width])  # without the padding
         return answer
 
     def _windows(self, tokens: Tensor, side: tuple[int, int]) -> Tensor:
@@ -56,14 +60,6 @@ class WindowCrossAttention(nn.Module):
         return parts.permute(0, 1, 3, 5, 2, 4, 6).reshape(
             frames, down * across, heads, tall * wide, -1
         )
-
-    def _map(self, windows: Tensor, side: tuple[int, int], height: int, width: int) -> Tensor:
-        """Undo `_windows`: give (B, H, W, C) without the padding."""
-        (tall, wide), frames = side, windows.shape[0]
-        down, across = -(-height // tall), -(-width // wide)
-        parts = windows.reshape(frames, down, across, self.heads, tall, wide, -1)
-        whole = parts.permute(0, 1, 4, 2, 5, 3, 6).reshape(frames, down * tall, across * wide, -1)
-        return whole[:, :height, :width]
 
     def _place(self, side: tuple[int, int]) -> Tensor:
         """Score of a key for its place relative to the query: (heads, tokens, tokens)."""

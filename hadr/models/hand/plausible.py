@@ -159,7 +159,9 @@ def check_hand(
     if not (keypoints[:, 2] > 0).all():
         raise NoHandError(f"a keypoint lies {keypoints[:, 2].min():.3g} m before the camera")
     seen = np.where(mask, 0, depth)
-    palm, fingers = _lengths(keypoints)
+    joints = np.linalg.norm(np.diff(keypoints[list(FINGERS.values())], axis=1), axis=2)  # (5, 3)
+    palm = float(np.linalg.norm(keypoints[FINGERS["middle"][0]] - keypoints[0]) / PALM_M)
+    fingers = float(np.median(joints.sum(axis=1) / list(FINGERS_M.values())))
     bones = _bones(keypoints) / _bones(_ADULT)
     shortest, longest = (float(f(bones) / max(np.median(bones), 1e-9)) for f in (np.min, np.max))
     glass = _to_glass(keypoints, camera, mask)
@@ -214,14 +216,6 @@ def check_hand(
     return HandCheck(
         palm, fingers, shortest, longest, glass, gap, skin, area, step, presence, tuple(problems)
     )
-
-
-def _lengths(keypoints: npt.NDArray[np.float64]) -> tuple[float, float]:
-    """Length of the palm, and the fingers' median one, 1 = an adult's mean."""
-    bones = np.linalg.norm(np.diff(keypoints[list(FINGERS.values())], axis=1), axis=2)  # (5, 3)
-    palm = np.linalg.norm(keypoints[FINGERS["middle"][0]] - keypoints[0])
-    fingers = np.median(bones.sum(axis=1) / list(FINGERS_M.values()))
-    return float(palm / PALM_M), float(fingers)
 
 
 _ADULT = keypoints_from_skeleton(forward_kinematics(np.zeros(20)).joints)
