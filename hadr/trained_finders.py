@@ -30,12 +30,9 @@ Points = NDArray[np.float64]
 
 
 class SeenMasks(NamedTuple):
-    """What a segmentation network sees in a picture.
+    """The pixels of the glass and, if the network has such a class, of hand and arm, (H, W) bool.
 
-    Attributes:
-        glass: The object's pixels, shape (H, W) bool.
-        hand: Those of hand and arm, shape (H, W) bool; None if the network has no such class.
-        presence: The mean probability of a hand in these, 0..1; 0 where there are none.
+    And the mean probability of a hand in these, 0..1; 0 where there are none.
     """
 
     glass: BoolArray
@@ -99,15 +96,9 @@ class HandKeypoints(_Finder):
     ) -> Points:
         """Find the keypoints: camera frame, metres, (21, 3).
 
-        Args:
-            color: RGB, shape (H, W, 3) uint8.
-            depth: z-depth in metres, shape (H, W); 0 = missing.
-            camera: Intrinsics of both images.
-            mask: The glass's pixels, shape (H, W) bool.
-            hand_mask: Pixels of hand and arm, shape (H, W) bool.
-
-        Raises:
-            NoHandError: There are no pixels of a hand, or none of them has a depth.
+        From RGB (H, W, 3) uint8, z-depth (H, W), metres, 0 = missing, the intrinsics of both, and
+        the pixels of the glass, and of hand and arm, (H, W) bool. NoHandError where there are none
+        of a hand, or none of them has a depth.
         """
         import torch
 

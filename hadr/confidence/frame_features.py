@@ -171,18 +171,11 @@ def frame_features(
     mask: BoolArray,
     keypoints: FloatArray | None = None,
 ) -> dict[str, float]:
-    """Measure a frame at the size at which a network works.
+    """Measure a frame at the size at which a network works: features by name, lengths in metres.
 
-    Args:
-        depth: z-depth as the camera measured it, in the glass too, metres, shape (H, W); 0 =
-            missing.
-        restored: The network's answer, metres, shape (H, W); 0 where there is none.
-        camera: Intrinsics of this size.
-        mask: Pixels to restore, shape (H, W) bool; at least one.
-        keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3); None: no hand.
-
-    Returns:
-        Features by name, lengths in metres; what can't be measured is left out.
+    From z-depth as the camera measured it, in the glass too, and the network's answer, (H, W),
+    metres, 0 = missing; intrinsics of this size; the pixels to restore, (H, W) bool, one at least;
+    and the hand's keypoints, camera frame, metres, (21, 3). What can't be measured is left out.
     """
     known, answered = depth > 0, mask & (restored > 0)
     answer = float(np.median(restored[answered])) if answered.any() else np.nan

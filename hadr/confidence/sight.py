@@ -108,17 +108,11 @@ def observe(
     color: npt.NDArray[np.uint8],
     mask: BoolArray,
 ) -> Observation:
-    """Ask a network about one frame, and measure the frame.
+    """Ask a depth network about one frame, a batch of one whose mask has a pixel, and measure it.
 
-    Args:
-        network: A depth network.
-        part: Name of the part whose map, shape (1, E, h, w), is what it sees.
-        inputs: The frame, a batch of one; its mask has a pixel.
-        measured: z-depth at this size as the camera measured it, in the glass too, metres, shape
-            (H, W); 0 = missing.
-        depth_range_m: Depths of the object in training, metres; None if unknown.
-        color: The frame's picture at its own size, RGB, uint8.
-        mask: Its mask at that size, bool.
+    The map of the part of this name, (1, E, h, w), is what it sees. Further it takes z-depth (H, W)
+    at this size as the camera measured it, in the glass too, metres, 0 = missing; the depths of the
+    object in training, metres, None if unknown; picture, RGB, uint8, and mask at their own size.
     """
     import torch
     from torch.nn import functional

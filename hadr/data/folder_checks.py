@@ -44,13 +44,8 @@ def check_data(
 ) -> str:
     """Refuse data folders whose logs contradict their pictures, or of which two parts are one.
 
-    Args:
-        folders: Folders that are read as one.
-        splits: Those that are read; one may be missing.
-        objects: Only these objects; all where it is left out.
-
-    Returns:
-        What tells these frames from others, 64 hexadecimal digits.
+    The folders are read as one, of them these splits, of which one may be missing, and these
+    objects, or all. Gives 64 hexadecimal digits that tell these frames from others.
 
     Raises:
         FileNotFoundError: A folder has no split at all, or an object is missing.

@@ -290,14 +290,10 @@ class LIDF(nn.Module):
         true_depth: Tensor | None = None,
         perturbation_m: float = 0.0,
     ) -> LIDFOutput:
-        """Restore the depth of masked pixels; the hand's keypoints are not looked at.
+        """Restore the depth of masked pixels as `HADR.forward`; the hand is not looked at.
 
-        Args:
-            inputs: A batch of frames.
-            rays: As in `HADR.forward`.
-            true_depth: As in `HADR.forward`.
-            perturbation_m: The first stage's points are moved away by this along their rays
-                before they are refined, metres; without refinement it does nothing.
+        Before they are refined, the first stage's points are moved away along their rays by
+        `perturbation_m`, metres; without refinement it does nothing.
         """
         picture = float_color(inputs.color)  # (B, 3, H, W)
         if self.config.normalize_color:

@@ -114,9 +114,10 @@ class Preset:
     encoder_rate: float = field(default=1.0, metadata=IF_CHANGED)
 
     def __post_init__(self) -> None:
-        for name in ("width", "height", "epochs", "batch_size", "ray_stride"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        counts = ("width", "height", "epochs", "batch_size", "ray_stride", "validation_frames")
+        for name in counts:
+            if (count := getattr(self, name)) is not None and count < 1:
+                raise ValueError(f"{name} must be at least 1, got {count}")
         choices = {"schedule": Schedule, "precision": Precision, "optimizer": Optimizer}
         for name, kinds in choices.items():
             if (chosen := getattr(self, name)) not in (known := get_args(kinds)):
@@ -126,8 +127,6 @@ class Preset:
         for name, shares in (("milestones", self.milestones), ("restarts", self.restarts)):
             if any(late <= early for early, late in pairwise((0.0, *shares, 1.0))):
                 raise ValueError(f"{name} must rise strictly between 0 and 1, got {shares}")
-        if self.validation_frames is not None and self.validation_frames < 1:
-            raise ValueError(f"validation_frames must be at least 1, got {self.validation_frames}")
         for name, value, low, high in (
             ("warmup_epochs", self.warmup_epochs, 0, self.epochs),
             ("average_decay", self.average_decay or 0, 0, 1),
