@@ -92,23 +92,14 @@ def frame_to_input(
     camera: Intrinsics,
     size: tuple[int, int],
 ) -> HADRInput:
-    """Bring one frame to the network's size and form: a batch of one.
+    """Bring one frame to the network's size (width, height), pixels, and form: a batch of one.
 
-    Colour is resized by area, depth and mask by their nearest pixel, and the intrinsics follow. A
-    frame of another shape than `size` is squashed: fx and fy then change by different factors,
-    and the geometry stays exact (ledger, row 12).
-
-    Args:
-        color: RGB, shape (H, W, 3) uint8.
-        depth: Corrupted z-depth in metres, shape (H, W); 0 or NaN = missing.
-        mask: Pixels to restore, shape (H, W) bool.
-        keypoints: 21 hand keypoints in metres, camera frame, shape (21, 3), or None; their pixels
-            are computed from them.
-        camera: Intrinsics of an image of exactly this size.
-        size: (width, height) of the network's input, pixels.
-
-    Raises:
-        ValueError: Shapes or types differ from the above, or keypoints hold NaN.
+    Colour, RGB (H, W, 3) uint8, is resized by area, corrupted z-depth, metres, (H, W), 0 or NaN =
+    missing, and mask, (H, W) bool, by their nearest pixel, and the intrinsics, of an image of
+    exactly this size, follow. A frame of another shape than `size` is squashed: fx and fy then
+    change by different factors, and the geometry stays exact (ledger, row 12). Keypoints are in the
+    camera frame, metres, (21, 3), or None; their pixels are computed from them. ValueError where
+    shapes or types differ from these, or keypoints hold NaN.
     """
     if color.shape != (*camera.shape, 3) or color.dtype != np.uint8:
         raise ValueError(

@@ -149,17 +149,11 @@ def keypoint_maps(
     radius: float,
     groups: Sequence[Sequence[int]] = (tuple(range(21)),),
 ) -> Tensor:
-    """Draw keypoints as blobs: (B, 2 G, rows, columns).
+    """Draw keypoints as blobs, `radius` pixels their standard deviation: (B, 2 G, rows, columns).
 
-    For each of G groups that share a picture the sum of its blobs, then for each of them the sum of
-    the blobs times their values.
-
-    Args:
-        uv: Their pixels (column, row), shape (B, 21, 2).
-        height: A value of each, such as its relative depth, shape (B, 21).
-        size: (rows, columns) of the pictures.
-        radius: Standard deviation of a blob in pixels.
-        groups: Numbers of the keypoints of each group.
+    For each of G groups of keypoints' numbers that share a picture the sum of its blobs, then for
+    each of them the sum of the blobs times their values, (B, 21), such as their relative depth.
+    Their pixels are (column, row), (B, 21, 2), the pictures' size is (rows, columns).
     """
     rows, columns = (torch.arange(n, device=uv.device, dtype=uv.dtype) for n in size)
     across = torch.exp(-((uv[:, :, :1] - columns) ** 2) / (2 * radius**2))  # (B, 21, columns)

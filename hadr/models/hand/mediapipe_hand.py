@@ -51,22 +51,15 @@ def lift_landmarks(
     *,
     beside: BoolArray | None = None,
 ) -> npt.NDArray[np.float64]:
-    """Lift the landmarks of a hand to 3D by the depth at their pixels.
+    """Lift the landmarks of a hand that MediaPipe found: camera frame, metres, (21, 3).
 
     Each at whose pixel depth was measured says how far away the wrist is, and their median counts.
+    Depth is z-depth in metres, registered to the colour, (H, W), 0 or NaN = missing; only that in
+    the hand mask counts, (H, W), if there is one. Of several hands the one whose landmarks are the
+    nearest to the pixels `beside`, (H, W), of what it holds, is taken; the first one without.
+
     The camera measures the skin, one or two centimetres in front of the joint; as in the paper no
     correction is made, so all points lie that much too near.
-
-    Args:
-        result: What MediaPipe's hand landmarker found in the colour picture.
-        depth: z-depth in metres, registered to the colour, shape (H, W); 0 or NaN = missing.
-        camera: Intrinsics of both images.
-        hand_mask: Only depth of these pixels counts, shape (H, W); all where it is left out.
-        beside: Pixels of what the hand holds, shape (H, W): of several hands the one whose
-            landmarks are the nearest to them is taken; the first one where it is left out.
-
-    Returns:
-        Camera frame, metres, shape (21, 3).
 
     Raises:
         NoHandError: No hand was found, depth is known at too few of its landmarks, or a keypoint
