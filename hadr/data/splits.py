@@ -23,10 +23,9 @@ PAPER_RATIO = (7.0, 2.0, 1.0)
 def split_by_frame(
     n_frames: int, rng: np.random.Generator, ratio: Sequence[float] = PAPER_RATIO
 ) -> npt.NDArray[np.str_]:
-    """Give each of so many frames a split at random, whatever it shows.
+    """Give each of so many frames ``train``, ``val`` or ``test`` at random, whatever it shows.
 
-    The weights are of train, val and test. Gives ``train``, ``val`` or ``test`` per frame, shape
-    (n_frames,); ValueError where the ratio is not three weights.
+    ValueError where the ratio is not their three weights.
     """
     weights = np.asarray(ratio, dtype=float)
     if weights.shape != (3,) or (weights < 0).any() or weights.sum() <= 0:
@@ -48,8 +47,7 @@ def split_by_object(
 ) -> npt.NDArray[np.str_]:
     """Test on the frames of the unknown objects, train on all others; from each frame's object.
 
-    Raises:
-        ValueError: No frame shows an unknown object.
+    ValueError where no frame shows an unknown object.
     """
     held_out = np.isin(np.asarray(object_ids), np.asarray(list(unknown)))
     if not held_out.any():

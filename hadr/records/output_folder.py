@@ -238,8 +238,7 @@ def check_output_folder(folder: str | Path) -> Path:
 def make_output_folder(folder: str | Path) -> Path:
     """Make a folder for results, and mark it as hadr's where nobody's files are in it yet.
 
-    Gives its absolute path, links followed; errors as `check_output_folder`, and OSError where it
-    can't be made or written.
+    As `check_output_folder`, and OSError where it can't be made or written.
     """
     target = check_output_folder(folder)
     own = not target.exists() or _is_own(target)

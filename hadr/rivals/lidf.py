@@ -305,11 +305,8 @@ class LIDF(nn.Module):
             )
         values = {f.name: getattr(first, f.name) for f in fields(HADROutput)}
         if self.refinement is None or not frozen:
-            return LIDFOutput(
-                **values,
-                first_points=first.points,
-                moves=first.points.new_zeros(len(first.rays), 0),
-            )
+            none = first.points.new_zeros(len(first.rays), 0)
+            return LIDFOutput(**values, first_points=first.points, moves=none)
 
         ray = (first.chosen >= 0).nonzero().squeeze(1)  # rays with a candidate
         pixel = first.rays.index_select(0, ray)
@@ -336,8 +333,5 @@ class LIDF(nn.Module):
             "points": torch.zeros_like(first.points).index_copy(0, ray, found),
             "clamped": torch.zeros_like(first.restored).index_put(where, longest.any(dim=1)),
         }
-        return LIDFOutput(
-            **values,
-            first_points=first.points,
-            moves=moves.new_zeros(len(first.rays), moves.shape[1]).index_copy(0, ray, moves),
-        )
+        moved = moves.new_zeros(len(first.rays), moves.shape[1]).index_copy(0, ray, moves)
+        return LIDFOutput(**values, first_points=first.points, moves=moved)

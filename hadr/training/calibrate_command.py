@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -70,13 +71,11 @@ class Options:
 
 def _check_beside(checkpoint: Path) -> None:
     """Check that the file in whose place the record is written is one, if there is a file."""
-    beside = checkpoint.with_suffix(".json")
+    beside, found = checkpoint.with_suffix(".json"), None
     if not beside.exists():
         return
-    try:
+    with contextlib.suppress(ValueError):
         found = json.loads(beside.read_text(encoding="utf-8"))
-    except ValueError:
-        found = None
     if not isinstance(found, dict) or not {"network", "sha256"} <= found.keys():
         raise ValueError(
             f"{beside} is no checkpoint's record, but the place of that of {checkpoint.name}: "

@@ -91,8 +91,7 @@ def predict_keypoints(model: HandKeypointNet, inputs: HADRInput, hand: Tensor) -
     """Find the hands' keypoints in whole frames: metres, camera frame, (B, 21, 3).
 
     Depth, intrinsics and the object's mask are looked at, and the pixels of hand and arm, (B, H, W)
-    bool, true or predicted. A detector's box does as well, as a mask that is filled within it, if
-    little else lies in the cube. ValueError for a frame that shows no hand.
+    bool, true or predicted, or a detector's box. ValueError for a frame that shows no hand.
     """
     cube, crop, points, valid = _crop(model.config, inputs, hand)
     with torch.no_grad():

@@ -52,12 +52,9 @@ def losses(
 
     The loss is that of HADR with the recipe's weights (`LIDF_WEIGHTS` are the published ones);
     for the refinement without the voxels' probability, which it can't change. "first_depth", in
-    stage 2, is the depth term of the frozen first stage.
-
-    Raises:
-        ValueError: The epoch belongs to stage 1 and the network's refinement has begun: a
-            training that was ended is resumed with so many more epochs that their share of
-            the first stage is longer than all it had.
+    stage 2, is the depth term of the frozen first stage. ValueError where the epoch belongs to
+    stage 1 and the refinement has begun: a training that was ended is resumed with so many more
+    epochs that their share of the first stage is longer than all it had.
     """
     network: Any = model
     config: Any = recipe.model
