@@ -210,7 +210,7 @@ def test_the_best_epoch_is_mended_after_a_kill_between_two_files(
     through: tuple[Trained, Path],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    import hadr.training.training_folder as home
+    import hadr.training.checkpoints as home
 
     (whole, one), two = through, tmp_path
     again = partial(train, micro, frames, frames, folder=two, seed=3, progress=False)
