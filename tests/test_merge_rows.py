@@ -72,3 +72,18 @@ def test_a_row_of_the_same_seeds_is_replaced(load_benchmark: Callable[[str], Mod
     assert merge_rows.merged(new, old, ["tode"])[1] == new.rows[1]
     added = merge_rows.merged(new, old, ["dfnet"])
     assert [row["method"] for row in added] == ["hand-median", "dfnet", "tode"]
+
+
+def test_a_part_of_the_ablation_is_held_against_the_full_model_again(
+    load_benchmark: Callable[[str], ModuleType],
+) -> None:
+    merge_rows = load_benchmark("networks/merge_rows")
+    old, new = made(("full", 0), ("no-hand", 0)), made(("no-hand", 1))
+    gap = {"mean_difference_m": 0.1, "standard_error_m": 0.002, "better_on_frames": 3, "frames": 4}
+    old.rows[2]["against_full"], new.rows[1]["against_full"] = gap, None
+    _, full, part = merge_rows.merged(new, old, ["no-hand"])
+    assert part["seeds"] == [0, 1]
+    less = part["rmse_m"] - full["rmse_m"]
+    assert part["against_full"] == {
+        "mean_difference_m": less, "standard_error_m": 0.002, "frames": 4,
+    }  # fmt: skip

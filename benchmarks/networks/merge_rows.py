@@ -8,7 +8,8 @@ nothing, has to err alike to a hundredth of a millimetre. A row of other seeds t
 place joins it: the numbers become means over all of them. The errors of single frames are not in
 the file; so the standard error of such a mean is the mean of the two, as if all seeds erred alike
 on each frame, which is at least what it is; and where one of two methods is new and the other is
-not, the difference from the next better one has the standard errors of the two apart.
+not, the difference from the next better one has the standard errors of the two apart. A part of
+the ablation keeps the standard error of its difference from the full model.
 """
 
 import argparse
@@ -51,9 +52,9 @@ def of_all_seeds(old: Row, new: Row) -> Row:
     counts = [len(row["seeds"]) for row in (old, new)]
 
     def mean(first: Any, second: Any) -> Any:
-        if isinstance(first, dict):
+        if isinstance(first, dict) and isinstance(second, dict):
             return {name: mean(first[name], second[name]) for name in first.keys() & second.keys()}
-        if not isinstance(first, float):
+        if not isinstance(first, float) or not isinstance(second, float):
             return first
         return (counts[0] * first + counts[1] * second) / sum(counts)
 
@@ -90,6 +91,11 @@ def merged(new: ResultFile, old: ResultFile, methods: list[str]) -> list[Row]:
         cheap = [n for n, other in enumerate(rows) if other["method"] == "hand-median"
                  and other.get("split") == row.get("split")]  # fmt: skip
         rows.insert(max(cheap, default=len(rows) - 1) + 1, row)
+    full = [row["rmse_m"] for row in rows if row["method"] == "full"]
+    for row in rows:
+        if full and row["method"] in methods and row.get("against_full"):
+            row["against_full"]["mean_difference_m"] = row["rmse_m"] - full[0]
+            row["against_full"].pop("better_on_frames", None)
     return rows
 
 
