@@ -123,6 +123,19 @@ def test_what_the_page_says_of_short_trainings_is_so():
     assert abs(taught[0]) < 2 * taught[1]
 
 
+def test_what_row_3_says_of_other_cells_is_so():
+    effects = {effect["turned"]: effect["RMSE"][0] for effect in switch_effects(SHORT)}
+    assert [effects["6 cells"], effects["cells begin at 0 m"]] == pytest.approx(
+        [-0.007, -0.006], abs=0.0005)  # fmt: skip
+    folder = ROOT / "results" / "imagenet"
+    ledger = read_result_file(folder / "ledger.json")
+    seeds = read_result_file(folder / "known.json").row(method="hadr")["by_seed"]["rmse_m"]
+    found = [ledger.row(method=m)["rmse_m"] for m in ("six-cells", "cells-from-zero")]
+    six, zero, least, most = (f"{100 * value:.2f}" for value in (*found, min(seeds), max(seeds)))
+    assert f"{six} cm with six cells and {zero} with eight from 0 m on" in TEXT
+    assert f"three as published have {least} to {most}" in TEXT
+
+
 def test_the_library_points_to_rows_that_exist():
     for path in (ROOT / "hadr").rglob("*.py"):
         for first, last in re.findall(
