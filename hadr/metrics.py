@@ -296,11 +296,11 @@ def best_in_bold(table: pd.DataFrame, groups: Iterable[Iterable[int]]) -> pd.Dat
     return table
 
 
-def format_table(rows: Mapping[str, DepthMetrics]) -> str:
+def format_table(rows: Mapping[str, DepthMetrics], best: Iterable[str] = ()) -> str:
     """Set metrics as a Markdown table, one row a method, and say how they were averaged.
 
-    A number that does not exist is a dash. ValueError where there is no row, or the rows are
-    averaged in different ways.
+    A number that does not exist is a dash; among the rows ``best`` the best are bold. ValueError
+    where there is no row, or the rows are averaged in different ways.
     """
     import pandas as pd
 
@@ -313,6 +313,7 @@ def format_table(rows: Mapping[str, DepthMetrics]) -> str:
     for name, metric in METRICS.items():
         cells[metric.heading] = [metric.text(getattr(row, name)) for row in rows.values()]
     cells["coverage (%)"] = [f"{100 * row.coverage:.1f}" for row in rows.values()]
+    cells = best_in_bold(cells, [[list(rows).index(name) for name in best]])
     sides = ["left"] + ["right"] * (len(METRICS) + 1)
     table = cells.to_markdown(index=False, disable_numparse=True, colalign=sides)
     counts = sorted({m.frames for m in rows.values()})

@@ -201,6 +201,7 @@ def test_the_best_of_those_that_compete_is_bold():
     assert list(apart["RMSE (cm)"][:3]) == ["2.0 ± 0.1", "1.5 ± 0.3", "**0.0**"]
     far, near = two_frames()
     rows = {"far": frame_metrics(*far), "near": frame_metrics(*near)}
+    assert format_table(rows, best=rows).count("**") == 10  # all but δ1.05, which is 0 for both
     assert "**" not in format_table(rows)
 
 

@@ -32,7 +32,7 @@ from hadr.cli import main as hadr
 from hadr.data.samples import samples_dir, write_manifest
 from hadr.experiments.protocol import Experiment, open_part
 from hadr.models.networks import DEPTH_NETWORKS
-from hadr.press.reproduce import checkout_root
+from hadr.records.checkout import checkout_root
 from hadr.synthesis.glass.objects import OBJECTS
 from hadr.training.checkpoints import Stored, load_checkpoint, save_checkpoint, update_record
 
@@ -77,7 +77,8 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
     else:
         of = experiment or "known"
         parts = {part: len(open_part(data, of, part)) for part in ("train", "val")}
-        objects = open_part(data, of, "train").objects
+        names = open_part(data, of, "train").names
+        objects = tuple(sorted({name.partition("/")[0] for name in names}))
     row = made / source / "row.json"  # a frame without a pixel of the glass is left out
     if row.exists():
         parts["train"] = json.loads(row.read_text(encoding="utf-8"))["training_frames"]
