@@ -82,7 +82,7 @@ def test_a_hold_is_torn_by_more_than_it_bears_and_the_glass_falls() -> None:
 def test_hand_and_glass_touch_only_once_it_has_let_go() -> None:
     def touches(world: World) -> int:
         _, data = world.physics
-        kinds = world._kinds[data.contact.geom].reshape(-1, 2)
+        kinds = np.array(world._kinds)[data.contact.geom].reshape(-1, 2)
         return int(((kinds[:, 0] | kinds[:, 1]) == HAND | OBJECT).sum())
 
     scene = held_scene("0004", 901)  # a fist
