@@ -38,7 +38,7 @@ _STATE = "training/"  # prefix of tensors that only a resumed training needs
 STEP = "step/"
 """Prefix of the steps of weights that are stored as 8-bit integers."""
 
-AnyNetwork = TypeVar("AnyNetwork", bound=nn.Module)
+Network = TypeVar("Network", bound=nn.Module)
 Stored = Literal["float32", "float16", "int8"]
 """How weights are stored; by "int8" those with an output axis are, each output with a step of its
 own, and the others by "float16"."""
@@ -182,7 +182,7 @@ def load_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
     return for_inference(model), (int(meta["width"]), int(meta["height"]))
 
 
-def for_inference(network: AnyNetwork) -> AnyNetwork:
+def for_inference(network: Network) -> Network:
     """Copy a network, in evaluation mode, with batch normalisation folded into convolutions.
 
     A normalisation that is registered right after a convolution is taken to follow it, as it does
