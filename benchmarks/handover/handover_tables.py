@@ -8,13 +8,15 @@ What is finished in RUNS is not made again, so it can be stopped at any time. A 
 all of its attempts are there; `--write` makes none, and sums up what is there of this code.
 
     handover.json         48 attempts of each condition, seed 0
-    handover_worse.json   the same attempts, or half of them, with something made worse
     handover_seeds.json   more seeds of some conditions, pooled
+    handover_worse.json   the same attempts, or half of them, with something made worse; and all of
+                          two seeds with twice the time
 """
 
 import argparse
 from collections.abc import Iterator
 from contextlib import nullcontext
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,8 +34,8 @@ from hadr.simulation.trials.trial import Trial
 
 TITLES = {
     "handover": "handover attempts in simulation: 48 of each condition, seed 0",
-    "worse": "handover attempts in simulation, made worse one by one",
     "seeds": "handover attempts in simulation, of several seeds",
+    "worse": "handover attempts in simulation, made worse one by one, or given more time",
 }
 RULES = "masks and keypoints from the simulator with noise, from networks where a condition says so"
 CHANGED: list[tuple[dict[str, Any], list[str], int]] = [
@@ -46,7 +48,6 @@ CHANGED: list[tuple[dict[str, Any], list[str], int]] = [
             {"latency": 0.2}, {"latency": 0.3},
         )
     ),
-    ({"time_limit": 26.0}, ["perfect"], 6),
     ({"restless": True},
      ["perfect", "hadr-plus", "hadr-plus-no-tracking", "hadr", "hadr-no-tracking"], 6),
     *(
@@ -62,6 +63,9 @@ SEEDS: dict[str, int] = {
     **dict.fromkeys((f"{c}-networks" for c in ("unet-hand", "hadr", "raw", "inpainted")), 1),
 }
 """How many seeds of which conditions."""
+PATIENT = ("perfect", "hadr-plus", "unet-hand", "hadr", "raw")
+"""Conditions whose attempts go on, where the clock ended them, until `PATIENCE` seconds."""
+PATIENCE = 26.0
 
 
 class Part(NamedTuple):
@@ -90,12 +94,27 @@ def parts(out: Path, file: str, seeds: int) -> Iterator[Part]:
                 trials = attempts(condition, holds=TRIAL_HOLDS[:holds], template=like)
                 told = {key: getattr(like, key) for key in (*WORSE, "restless", "time_limit")}
                 yield Part(condition, [(out / name, trials)], told)
+        told = {key: getattr(Trial("0000", 0), key) for key in (*WORSE, "restless")}
+        for condition in PATIENT:
+            made = [attempt for s in range(min(2, seeds)) for attempt in patient(out, condition, s)]
+            yield Part(condition, made, told | {"time_limit": PATIENCE})
     else:
         for condition, most in SEEDS.items():
             chosen = range(min(most, seeds))
             yield Part(
                 condition, [(out / f"seed-{s}", attempts(condition, seed=s)) for s in chosen], {}
             )
+
+
+def patient(out: Path, condition: str, seed: int) -> Iterator[tuple[Path, list[Trial]]]:
+    """The attempts of a seed with more time: what ended before the clock ended it is taken over."""
+    for trial in attempts(condition, seed=seed):
+        made = out / f"seed-{seed}", trial
+        if is_finished(*made) and finished_attempt(*made)[0]["verdict"] != "time-out":
+            yield made[0], [trial]
+        else:
+            more = replace(trial, time_limit=PATIENCE)
+            yield out / f"time_limit-{PATIENCE:g}-seed-{seed}", [more]
 
 
 def say(trial: Trial, row: dict[str, Any]) -> None:
