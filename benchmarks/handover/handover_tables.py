@@ -1,4 +1,4 @@
-"""Make all attempts of the handover's tables, and the three result files that sum them up.
+"""Make all attempts of the handover's tables, and the result files that sum them up.
 
     python benchmarks/handover/handover_tables.py --out RUNS --jobs 2
     python benchmarks/handover/handover_tables.py --out RUNS --jobs 2 --only seeds --seeds 5
@@ -7,10 +7,10 @@
 What is finished in RUNS is not made again, so it can be stopped at any time. A file is written when
 all of its attempts are there; `--write` makes none, and sums up what is there of this code.
 
-    handover.json         48 attempts of each condition, seed 0
-    handover_seeds.json   more seeds of some conditions, pooled
-    handover_worse.json   the same attempts, or half of them, with something made worse; and all of
-                          two seeds with twice the time
+    handover.json           48 attempts of each condition, seed 0
+    handover_seeds.json     more seeds of some conditions, pooled
+    handover_patience.json  the attempts of two seeds with twice the time
+    handover_worse.json     the same attempts, or half of them, with something made worse
 """
 
 import argparse
@@ -35,7 +35,8 @@ from hadr.simulation.trials.trial import Trial
 TITLES = {
     "handover": "handover attempts in simulation: 48 of each condition, seed 0",
     "seeds": "handover attempts in simulation, of several seeds",
-    "worse": "handover attempts in simulation, made worse one by one, or given more time",
+    "patience": "handover attempts in simulation, of two seeds, with twice the time",
+    "worse": "handover attempts in simulation, made worse one by one",
 }
 RULES = "masks and keypoints from the simulator with noise, from networks where a condition says so"
 CHANGED: list[tuple[dict[str, Any], list[str], int]] = [
@@ -94,10 +95,10 @@ def parts(out: Path, file: str, seeds: int) -> Iterator[Part]:
                 trials = attempts(condition, holds=TRIAL_HOLDS[:holds], template=like)
                 told = {key: getattr(like, key) for key in (*WORSE, "restless", "time_limit")}
                 yield Part(condition, [(out / name, trials)], told)
-        told = {key: getattr(Trial("0000", 0), key) for key in (*WORSE, "restless")}
+    elif file == "patience":
         for condition in PATIENT:
             made = [attempt for s in range(min(2, seeds)) for attempt in patient(out, condition, s)]
-            yield Part(condition, made, told | {"time_limit": PATIENCE})
+            yield Part(condition, made, {"time_limit": PATIENCE})
     else:
         for condition, most in SEEDS.items():
             chosen = range(min(most, seeds))
