@@ -18,6 +18,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from hadr.data.samples import open_known_unknown, samples_dir
 from hadr.data.splits import UNKNOWN_OBJECTS
@@ -32,8 +33,9 @@ SPLIT_COLORS = {"train": COLORS["hadr"], "val": COLORS["baseline"], "test": COLO
 
 def save(figure: plt.Figure, folder: Path, name: str) -> None:
     """Write a plot small: few colours are enough for it."""
-    figure.canvas.draw()
-    picture = np.asarray(figure.canvas.buffer_rgba())[..., :3]
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = np.asarray(canvas.buffer_rgba())[..., :3]
     plt.close(figure)
     few = (picture.astype(np.uint16) * 31 // 255 * 255 // 31).astype(np.uint8)
     path = folder / f"{name}.png"

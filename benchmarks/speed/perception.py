@@ -55,7 +55,8 @@ def main() -> None:
         HandKeypointNet(recipes["hand-keypoints"].model),  # type: ignore[arg-type]
         HADR(recipes["hadr"].model),  # type: ignore[arg-type]
     )
-    calls = {"as it is": perception(*map(for_inference, small), seen_size, SIZE)}
+    masks, hands, network = map(for_inference, small)
+    calls = {"as it is": perception(masks, hands, network, seen_size, SIZE)}
     folder = samples_dir() / "checkpoints"
     kinds = ("segmentation", "hand-keypoints", "hadr", "hadr-plus")
     loaded = [load_checkpoint(folder / f"{kind}-imagenet.safetensors") for kind in kinds]
