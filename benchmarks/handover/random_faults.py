@@ -134,11 +134,11 @@ class BrokenUR5(SimulatedUR5):
     def _has(self, kind: str) -> Fault | None:
         return next((f for f in self.faults if f.kind == kind and f.on(self.time)), None)
 
-    def servo_to(self, base_from_tool: Array, dt: float) -> None:
+    def servo_to(self, base_from_tool: Array, dt: float, **how: Any) -> None:
         """As the arm does, or with a driver's error."""
         if self._has("driver fails"):
             raise OSError("the connection was lost")
-        super().servo_to(base_from_tool, dt)
+        super().servo_to(base_from_tool, dt, **how)
 
     def tool_wrench(self) -> Array:
         """As the arm does, or with somebody who pulls."""

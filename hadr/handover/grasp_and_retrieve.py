@@ -291,7 +291,7 @@ class Retrieval:
             factor = arm.leaving(*arm.ahead(goal), speed=c.advance_speed, now=now)
             self._travelled = min(stages.RETREAT, held + factor * c.advance_speed * dt)
             goal = forward_of(self._pose, -self._travelled)
-            arm.go(goal, c.advance_speed, dt, factor=factor)
+            arm.go(goal, c.advance_speed, dt, factor=factor, swing=arm.alone)
             if held < stages.ALONE_AFTER <= self._travelled:
                 arm.robot.set_gripper(0.0, stages.FIRM_FORCE)
                 arm.alone = True

@@ -32,6 +32,8 @@ SOON = 0.1
 """How fast a hand closes in is measured by letting it go on for so many seconds."""
 LEAD, LEAD_ANGLE = 0.05, 0.3
 """The reference runs ahead of the tool by no more than this, metres and radians."""
+SWING_ROOM = 0.05
+"""Only with so much space to the skin, metres, may the arm leave the straight way to its target."""
 
 
 class HaltError(Exception):
@@ -193,7 +195,8 @@ class GuardedArm:
     def homeward(self, now: float, dt: float) -> bool:
         """Go on home for dt seconds, but not into the hand; True once there."""
         home, speed = self.home, self.config.approach_speed
-        self.go(home, speed, dt, factor=self.leaving(*self.ahead(home), speed=speed, now=now))
+        factor = self.leaving(*self.ahead(home), speed=speed, now=now)
+        self.go(home, speed, dt, factor=factor, swing=True)
         distance, angle = pose_distance(self.reading.tool, home)
         return distance < ARRIVE_DISTANCE and angle < ARRIVE_ANGLE
 
@@ -251,8 +254,13 @@ class GuardedArm:
         tool, turn = self.reading.tool, turn_between(self.reading.tool, goal)
         return [tool, between(tool, goal, part * 0.5, turn), between(tool, goal, part, turn)]
 
-    def go(self, goal: Array, speed: float, dt: float, *, factor: float = 1.0) -> None:
-        """Move toward a tool pose for dt seconds, at a part of a speed, m/s, and of the turn's."""
+    def go(
+        self, goal: Array, speed: float, dt: float, *, factor: float = 1.0, swing: bool = False
+    ) -> None:
+        """Move toward a tool pose for dt seconds, at a part of a speed, m/s, and of the turn's.
+
+        Where the tool cannot go straight the arm stands, or swings if it may and has the room.
+        """
         if factor <= 0:
             self.hold(dt)
             return
@@ -260,13 +268,14 @@ class GuardedArm:
         start = tool if self._reference is None else self._reference
         ahead = toward(start, goal, factor * speed * dt, turn)
         self._reference, self._holding = toward(tool, ahead, LEAD, LEAD_ANGLE), False
-        self.robot.servo_to(self._reference, dt)
+        swing = swing and self.free(hand=self.watch.last) >= SWING_ROOM
+        self.robot.servo_to(self._reference, dt, speed=factor * speed, swing=swing)
 
     def hold(self, dt: float) -> None:
         """Stay where the tool was when the hold began."""
         if not self._holding or self._reference is None:
             self._reference, self._holding = self.reading.tool.copy(), True
-        self.robot.servo_to(self._reference, dt)
+        self.robot.servo_to(self._reference, dt, swing=False)
 
     def release(self) -> None:
         """Move again after a stop, from wherever the tool is."""

@@ -38,8 +38,14 @@ class Robot(Protocol):
     def straight_way(self, base_from_tool: Array) -> bool:
         """Say whether it could go from here to a pose, shape (4, 4), without a detour."""
 
-    def servo_to(self, base_from_tool: Array, dt: float) -> None:
-        """Move toward a tool pose, shape (4, 4), for dt seconds, keeping every limit."""
+    def servo_to(
+        self, base_from_tool: Array, dt: float, *, speed: float = ..., swing: bool = True
+    ) -> None:
+        """Move toward a tool pose, shape (4, 4), for dt seconds, keeping every limit.
+
+        The tool point is at most so fast, m/s, whichever way the arm takes. Where the tool cannot
+        go straight the arm may swing through other poses, or stands if it shall not.
+        """
 
     def stop(self) -> None:
         """Stand still; no later command moves the arm until `release`."""

@@ -22,6 +22,8 @@ TABLE = 0.03
 """Height that no part of the arm beyond the shoulder may go below, metres."""
 TOOL_SPEED = 0.25
 """Largest speed of the tool point, m/s: ISO 10218-1's reduced speed."""
+SWING = 1.0
+"""A joint that turns farther than this, radians, swings the arm to another posture."""
 JOINT_ACCELERATION = 5.0
 """Largest acceleration of a joint, rad/s2: our choice, as the physical arm's."""
 
@@ -153,12 +155,15 @@ class SimulatedUR5:
         """Say whether the tool could stand at a pose: this arm's joints go there evenly."""
         return self.reachable(base_from_tool)
 
-    def servo_to(self, base_from_tool: Array, dt: float) -> None:
+    def servo_to(
+        self, base_from_tool: Array, dt: float, *, speed: float = TOOL_SPEED, swing: bool = True
+    ) -> None:
         """Move toward a tool pose (4, 4) for dt seconds, at most 0.1, all joints in step.
 
-        Where the arm may not go on it brakes; before a limit it stands at once. UnreachableError
-        where the target, or the next point on the way to it, breaks a limit; ValueError for no
-        rigid transform, or dt out of range.
+        The tool point is at most so fast, m/s. An arm that shall not swing stands where a joint
+        would turn by more than `SWING`. Where the arm may not go on it brakes; before a limit it
+        stands at once. UnreachableError where the target, or the next point on the way to it,
+        breaks a limit; ValueError for no rigid transform, or dt out of range.
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
@@ -172,17 +177,23 @@ class SimulatedUR5:
             raise
         way = goal - self._joints
         longest = max(float(np.abs(way).max()), 1e-12)
+        if longest > SWING and not swing:
+            self._speed_up(np.zeros(6), dt)
+            return
         # so fast that from the end of this step on it can brake before the goal
         braking = JOINT_ACCELERATION * (np.sqrt(dt**2 + 2 * longest / JOINT_ACCELERATION) - dt)
-        speed = min(ur5.JOINT_SPEED * self.config.speed_fraction, float(braking))
-        problem = self._speed_up(way * speed / longest, dt)
+        turn = min(ur5.JOINT_SPEED * self.config.speed_fraction, float(braking))
+        problem = self._speed_up(way * turn / longest, dt, speed)
         if problem:
             raise UnreachableError(f"the way to the target breaks a limit: {problem}")
         self._move_fingers(dt)
 
-    def _speed_up(self, wanted: Array, dt: float) -> str:
-        """Come nearer to joint velocities (6,) and move with them; name a limit that stops it."""
-        change = self._slowed(wanted, 0.9 * TOOL_SPEED, dt) - self._velocity
+    def _speed_up(self, wanted: Array, dt: float, speed: float = TOOL_SPEED) -> str:
+        """Come nearer to joint velocities (6,) and move with them; name a limit that stops it.
+
+        They are less where the tool point would be faster than a speed, m/s.
+        """
+        change = self._slowed(wanted, min(speed, 0.9 * TOOL_SPEED), dt) - self._velocity
         most = JOINT_ACCELERATION * dt / max(float(np.abs(change).max()), 1e-12)
         velocity = self._slowed(self._velocity + min(1.0, most) * change, TOOL_SPEED, dt)
         problem = self._broken_limit(self._joints + velocity * dt)

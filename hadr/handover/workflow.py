@@ -223,7 +223,7 @@ class Handover:
         assert self.grasp is not None
         path, least = self.arm.ahead(self.target), safety.APPROACH_DISTANCE
         factor = self.arm.allowed(path, least, c.approach_speed)
-        self.arm.go(self.target, c.approach_speed, dt, factor=factor)
+        self.arm.go(self.target, c.approach_speed, dt, factor=factor, swing=True)
         distance, angle = pose_distance(self.arm.reading.tool, self.target)
         if distance > 3 * stages.ARRIVE_DISTANCE or angle > 3 * stages.ARRIVE_ANGLE:
             self._there_since = None
@@ -276,7 +276,9 @@ class Handover:
         if self.stage is Stage.GRASP_AND_RETRIEVE:
             pushed = safety.pushed_away(self._began, self.target, stages.LARGEST_PUSH)
             self.target = forward_of(self.target, -pushed)
-        self.arm.check_target(self.target)
+            self.arm.check_target(forward_of(self.target, self.advance.travelled))
+        else:
+            self.arm.check_target(self.target)
         return True
 
     # Grasp & Retrieve

@@ -41,7 +41,7 @@ def test_the_reference_moves_at_its_speed_and_does_not_run_ahead() -> None:
     goal[0, 3] = 1.0
     robot = SimpleNamespace(
         tool_pose=tool.copy, joint_positions=lambda: np.zeros(6), gripper_width=lambda: 0.08,
-        protective_stop="", servo_to=lambda pose, dt: told.append(pose.copy()),
+        protective_stop="", servo_to=lambda pose, dt, **_: told.append(pose.copy()),
         release=lambda: None, finger_force=lambda: 0.0, tool_wrench=lambda: np.zeros(6),
     )  # fmt: skip
     arm = GuardedArm(robot, HandoverConfig(), HandWatch(np.eye(4)))
@@ -57,6 +57,19 @@ def test_the_reference_moves_at_its_speed_and_does_not_run_ahead() -> None:
     arm.release()
     arm.hold(0.02)
     np.testing.assert_array_equal(told[-1], tool)
+
+
+@pytest.mark.parametrize(("room", "may"), [(0.06, True), (0.04, False)])
+def test_the_robot_is_told_its_speed_and_swings_only_with_room(
+    room: float, may: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = beside(np.zeros((21, 3)), np.zeros(3), monkeypatch, 0.0)
+    told: list[dict[str, object]] = []
+    arm.robot.servo_to = lambda *_, **how: told.append(how)  # type: ignore[method-assign]
+    monkeypatch.setattr(GuardedArm, "free", lambda *_, **__: room)
+    arm.go(np.eye(4), 0.2, 0.02, factor=0.5, swing=True)
+    arm.go(np.eye(4), 0.2, 0.02)
+    assert told == [{"speed": 0.1, "swing": may}, {"speed": 0.2, "swing": False}]
 
 
 @pytest.mark.parametrize(

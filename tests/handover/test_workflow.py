@@ -631,7 +631,7 @@ def test_a_drivers_exception_leaves_the_robot_stopped(
         if method == "stop":
             raise ConnectionError("the cable")
 
-    def torn(*_: object) -> None:
+    def torn(*_: object, **__: object) -> None:
         raise ConnectionError("the cable")
 
     def tear(seen: Observation) -> Observation:

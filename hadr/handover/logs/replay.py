@@ -53,7 +53,7 @@ class LoggedRobot:
             raise AttributeError(name)
         return partial(self._answer, name)
 
-    def _answer(self, name: str, *given: Any) -> Any:
+    def _answer(self, name: str, *given: Any, **_: Any) -> Any:
         """What a method of the robot gave, or raised, then."""
         if name in COMMANDS:
             self.commands.append([self._step, name, *given])

@@ -206,7 +206,7 @@ class RecordedRobot:
             raise AttributeError(name)
         return partial(self._ask, name)
 
-    def _ask(self, name: str, *given: Any) -> Any:
+    def _ask(self, name: str, *given: Any, **how: Any) -> Any:
         """Call a method of the robot and note it."""
         notes = self.step
         if name in COMMANDS:
@@ -214,7 +214,7 @@ class RecordedRobot:
         elif name == "servo_to":
             notes["servo"] = np.array(given[0])[:3]
         try:
-            answer = getattr(self.robot, name)(*given)
+            answer = getattr(self.robot, name)(*given, **how)
         except (UnreachableError, ValueError) as error:
             notes["events"].append([f"{name}_error", type(error).__name__, str(error)])
             raise

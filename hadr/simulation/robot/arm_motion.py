@@ -16,9 +16,9 @@ from hadr.camera import Array
 from hadr.handover import ur5
 from hadr.handover.poses import between, norm, pose_distance
 from hadr.handover.robot import UnreachableError
-from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig, solutions_by_way
+from hadr.handover.simulated_ur5 import HOME_JOINTS, TOOL_SPEED, ArmConfig, solutions_by_way
 from hadr.simulation.robot.arm_model import kinematic_model, pose_of
-from hadr.simulation.robot.motion_limits import TOOL_SPEED, MotionConfig, MotionRows
+from hadr.simulation.robot.motion_limits import MotionConfig, MotionRows
 
 TOOL_ACCELERATION = 0.8
 """How hard the tool slows down before its target, m/s2."""
@@ -71,8 +71,10 @@ class ArmMotion:
         if all(problems):
             raise UnreachableError(f"no joint angles keep every limit: {problems[0]}")
 
-    def _plan(self, target: Array) -> None:
-        """Choose joint angles for a target, and the way: straight, or in joint space."""
+    def _plan(self, target: Array, *, swing: bool) -> None:
+        """Choose joint angles for a target, and the way: straight, or else in joint space."""
+        if not swing and self._by_joints:
+            self._by_joints, self._goal = False, None
         moved = (1.0, 1.0) if self._goal is None else pose_distance(self._goal_pose, target)
         if moved[0] < 0.005 and moved[1] < 0.03:
             return
@@ -84,7 +86,7 @@ class ArmMotion:
                 return
         end = self.straight_way(target)
         away = pose_distance(self.pose(), target)
-        if end is None and away[0] < 0.06 and away[1] < 0.35:
+        if end is None and (not swing or (away[0] < 0.06 and away[1] < 0.35)):
             end = self.joints.copy()  # all but there: no other branch
         if end is None:
             self._find_way(target)
@@ -101,7 +103,7 @@ class ArmMotion:
         next(self.joint_goals(target))
         here = self.pose()
         distance, angle = pose_distance(here, target)
-        count = int(np.ceil(max(distance / 0.04, angle / 0.2, 1.0)))
+        count = int(np.ceil(max(distance / 0.04, angle / 0.2, 3.0)))
         joints = self.joints
         for share in np.arange(1, count + 1) / count:
             try:
@@ -136,19 +138,24 @@ class ArmMotion:
             start = end
         return True
 
-    def advance(self, target: Array, dt: float) -> None:
+    def advance(
+        self, target: Array, dt: float, *, speed: float = TOOL_SPEED, swing: bool = True
+    ) -> None:
         """Move the command toward a tool pose (4, 4) for one step of dt seconds.
 
+        The tool point is at most so fast, m/s; an arm that may not swing goes straight or stands.
         UnreachableError where the target breaks a limit; the command has not changed then.
         """
-        self._plan(target)
+        self._plan(target, swing=swing)
+        self.rows.tool_speed = min(speed, TOOL_SPEED)
         now = self.pose()
         distance, angle = pose_distance(now, target)
-        self._choose_way(target, distance, angle, dt)
+        self._choose_way(target, distance, angle, dt, swing=swing)
         self._frame.set_target(mink.SE3.from_matrix(self._reference(now, target, dt)))
         way = (self._way[0] if self._by_joints else self._way[-1]) - self.joints
         longest = float(np.abs(way).max())
-        fast = _slowing(longest, self.rows.speed, 0.5 * self.rows.acceleration, dt)
+        turn = self.rows.speed * min(1.0, speed / TOOL_SPEED)
+        fast = _slowing(longest, turn, 0.5 * self.rows.acceleration, dt)
         self._posture.set_target(self.joints + way * fast * dt / max(longest, 1e-9))
         tasks = [self._posture] if self._by_joints else [self._frame, self._posture]
         self.rows.velocity = self.velocity
@@ -172,7 +179,7 @@ class ArmMotion:
         aside = left - along
         ahead, off = norm(along), norm(aside)
         fast = min(
-            _slowing(ahead, TOOL_SPEED, TOOL_ACCELERATION, dt) / (1 + off / 0.004),
+            _slowing(ahead, self.rows.tool_speed, TOOL_ACCELERATION, dt) / (1 + off / 0.004),
             speed + TOOL_ACCELERATION * dt,
         )
         back = _slowing(off, TOOL_SPEED / 2, TOOL_ACCELERATION, dt)
@@ -205,8 +212,10 @@ class ArmMotion:
         self.joints, self.velocity = joints, velocity
         self._configuration.update(joints)
 
-    def _choose_way(self, target: Array, distance: float, angle: float, dt: float) -> None:
-        """A straight way that comes no nearer gives way to one in joint space, to its end."""
+    def _choose_way(
+        self, target: Array, distance: float, angle: float, dt: float, *, swing: bool
+    ) -> None:
+        """A straight way that comes no nearer gives way to one in joint space, where it may."""
         if self._by_joints:
             if np.abs(self._way[0] - self.joints).max() < 0.05:
                 self._by_joints = len(self._way) > 1
@@ -217,7 +226,7 @@ class ArmMotion:
         arrived = distance < 0.002 and angle < 0.02
         self._idle = 0.0 if arrived or left < self._best - 0.03 * dt else self._idle + dt
         self._best = min(left, self._best) if self._idle else left
-        if self._idle > 0.3:
+        if self._idle > 0.3 and swing:
             self._find_way(target)
             self._by_joints, self._idle, self._best = True, 0.0, np.inf
 

@@ -16,7 +16,7 @@ from hadr.handover import ur5
 from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.poses import check_pose, norm
 from hadr.handover.robot import UnreachableError
-from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig
+from hadr.handover.simulated_ur5 import HOME_JOINTS, TOOL_SPEED, ArmConfig
 from hadr.handover.stages import GENTLE_FORCE
 from hadr.simulation.robot.arm_model import pose_of
 from hadr.simulation.robot.arm_motion import LEAST_SINGULAR_VALUE, ArmMotion
@@ -112,11 +112,15 @@ class PhysicalUR5:
             return False
         return ur5.singularity(joints) >= LEAST_SINGULAR_VALUE
 
-    def servo_to(self, base_from_tool: Array, dt: float) -> None:
+    def servo_to(
+        self, base_from_tool: Array, dt: float, *, speed: float = TOOL_SPEED, swing: bool = True
+    ) -> None:
         """Set the command for the next dt seconds, at most 0.1: move toward a tool pose (4, 4).
 
-        Without a new one the arm brakes after it; and where this one raises: UnreachableError for a
-        target that breaks a limit, ValueError for no rigid transform or dt out of range.
+        The tool point is at most so fast, m/s, on whichever way; only an arm that may swing leaves
+        the straight one. Without a new command the arm brakes after it; and where this one raises:
+        UnreachableError for a target that breaks a limit, ValueError for no rigid transform or dt
+        out of range.
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
@@ -125,7 +129,7 @@ class PhysicalUR5:
             return
         joints, velocity = self._stretch.at(self._data.time)
         self._motion.put(joints, velocity)
-        self._motion.advance(target, dt)
+        self._motion.advance(target, dt, speed=speed, swing=swing)
         speeds = (velocity, self._motion.velocity)
         self._stretch = _Stretch(self._data.time, dt, joints, speeds)
 

@@ -211,10 +211,10 @@ def test_a_run_that_an_error_ended_is_replayed(monkeypatch: pytest.MonkeyPatch) 
     handover = RecordedHandover(arm, lambda *_: last, CAMERA)
     servo_to = arm.servo_to
 
-    def broken(pose: np.ndarray, dt: float) -> None:
+    def broken(pose: np.ndarray, dt: float, **how: object) -> None:
         if handover.time > 1.0:
             raise ValueError("a defect of the driver")
-        servo_to(pose, dt)
+        servo_to(pose, dt, **how)
 
     monkeypatch.setattr(arm, "servo_to", broken)
     with pytest.raises(ValueError, match="a defect of the driver"):
