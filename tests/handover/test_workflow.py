@@ -310,6 +310,21 @@ def test_an_object_that_is_not_in_the_hand_is_left_alone() -> None:
     assert handover.transitions[0].reason == reason
 
 
+def test_in_the_final_move_the_pre_grasp_behind_it_need_not_be_within_reach(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    handover = fixed_handover()
+
+    def reachable(pose: np.ndarray) -> bool:
+        assert handover.target is not None
+        behind = handover.stage is Stage.GRASP_AND_RETRIEVE and handover.advance.travelled > 0.02
+        return not (behind and pose_distance(pose, handover.target)[0] < 0.005)
+
+    monkeypatch.setattr(handover.robot, "reachable", reachable)
+    run(handover)
+    assert afters(handover) == STAGES
+
+
 Disturb = Callable[[Handover, SimulatedUR5, float], None]
 
 
