@@ -78,7 +78,7 @@ def show_run(states: Sequence[WorldState], transitions: Sequence[Transition]) ->
     top, middle, low = axes
     top.plot(time, distance, color=COLORS["hand"], ls="--", label="robot to hand")
     top.set(ylabel="distance (cm)", ylim=(0, None))
-    top.legend(loc="upper right")
+    top.legend(loc="best")
     middle.plot(time, opening, color=COLORS["hadr"])
     middle.set(ylabel="opening (mm)", ylim=(0, 90))
     low.plot(time, force, color=COLORS["hand"], label="by a touch")

@@ -21,7 +21,7 @@ NAMES: dict[str, str] = {
     "inpainting": "inpainting",
     "nearest": "nearest valid depth",
     "hand-median": "the hand's median depth",
-    "hand-offset": "the same and a constant",
+    "hand-offset": "hand's median + constant",
     "nearest-hand": "the most similar hand's glass",
     "nearest-hand-no-sister": "the same, its own hold left out",
     "no-hand": "HADR without the hand",
