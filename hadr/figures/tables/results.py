@@ -55,7 +55,6 @@ _SIGN: dict[str, tuple[str, str]] = {
         for kind, sign in zip(DEPTH_NETWORKS, cycle(_SIGNS), strict=False)
         for long in ("", "-long")
     },
-    "hadr-long": ("voxel", "s"),
     "no-hand": ("glass", "o"),
     "hand-median": ("hand", "D"),
     "hand-offset": ("hand", "d"),
@@ -160,18 +159,14 @@ def scores(row: Row | None) -> list[str]:
     return [METRICS[name].text(row[name]) for name in ("rmse_m", "mae_m", "delta_105")]
 
 
-def margins_table(
-    rows: Sequence[Row], pairs: Sequence[tuple[str, str]], published: Mapping[str, Any]
-) -> str:
+def margins_table(rows: Sequence[Row], pairs: Sequence[tuple[str, str]]) -> str:
     """Say by how much a method's RMSE differs from another's, in percent, for pairs of methods."""
     own = {(row["split"], row["method"]): row["rmse_m"] for row in rows}
-    own |= {(split, "published"): published[split]["HADR"][0] for split in ("known", "unknown")}
-    names = NAMES | {"published": "HADR as published"}
     lines = []
     for one, other in pairs:
         both = [(own.get((s, one)), own.get((s, other))) for s in ("known", "unknown")]
         cells = [f"{100 * (a / b - 1):+.0f} %" if a and b else "-" for a, b in both]
-        lines.append([names[one], names[other], *cells])
+        lines.append([NAMES[one], NAMES[other], *cells])
     head = ["RMSE of", "against", "known", "unknown"]
     return markdown(pd.DataFrame(lines, columns=head), "llr")
 
@@ -181,8 +176,8 @@ def parts_table(rows: Sequence[Row]) -> str:
     parts = {
         "rmse_m": "RMSE (cm)",
         "place_m": "place: median error (cm)",
-        "shape_m": "shape and tilt (cm)",
-        "tilt_m": "shape alone (cm)",
+        "shape_m": "shape, with tilt (cm)",
+        "tilt_m": "shape without tilt (cm)",
     }
     lines = [
         [row["split"], NAMES[row["method"]], *(f"{100 * row[part]:.2f}" for part in parts)]
@@ -220,33 +215,14 @@ def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: fl
     ax.minorticks_off()
 
 
-def draw_learning(ax: Axes, rows: Sequence[Row], split: str) -> None:
-    """Draw the validation error of each training over its minutes."""
-    for row in ordered(rows, split):
-        curve = row.get("curve")
-        if not curve:
-            continue
-        minutes = np.asarray(curve["seconds"]) / 60
-        error = 100 * np.asarray(curve["validation_rmse_m"])
-        style = "--" if row["method"] == "hadr-long" else "-"
-        ax.plot(minutes, error, style, color=system_color(row["method"]),
-                marker=system_marker(row["method"]), ms=4,
-                label=NAMES.get(row["method"], row["method"]))  # fmt: skip
-    ax.set(
-        xlabel="minutes of training, one core",
-        ylabel="RMSE on validation (cm)",
-        title="training on all eight" if split == "known" else "training on six, two unknown",
-    )
-
-
 def draw_parts(ax: Axes, rows: Sequence[Row], split: str) -> None:
     """Draw what is left of each method's error when place, and place and tilt, are given away."""
     colors = [system_color(method) for method in _listed(rows)]
     series = []
     for part, label, marker in (
         ("rmse_m", "whole error", "o"),
-        ("shape_m", "without its median: shape and tilt", "s"),
-        ("tilt_m", "without its best plane: shape alone", "D"),
+        ("shape_m", "without its median: shape, with tilt", "s"),
+        ("tilt_m", "without its best plane: shape without tilt", "D"),
     ):
         names, values = _in_rows(rows, split, part)
         series.append(Dots(values, colors, marker, label, hollow=marker != "o"))
@@ -269,8 +245,8 @@ def draw_by_object(
     series = [
         Dots([100 * row["by_object"][number][part] for number in objects],
              system_color(row["method"]), system_marker(row["method"]),
-             NAMES.get(str(row["method"]), str(row["method"])), hollow=row["method"] == "hadr-long",
-             aside=aside)
+             NAMES.get(str(row["method"]), str(row["method"])),
+             hollow=row["method"].endswith("-long"), aside=aside)
         for row, aside in zip(chosen, below, strict=True)
     ]  # fmt: skip
     draw_dot_rows(ax, [names.get(n, n) for n in objects], series, size=6)
@@ -293,7 +269,10 @@ def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:
         share, moved, doubt = (list(column) for column in zip(*points, strict=True))
         color, marker = system_color(row["method"]), system_marker(row["method"])
         name = NAMES[row["method"]]
-        ax.errorbar(share, moved, doubt, color=color, marker=marker, ms=5, lw=1.4, label=name)
+        above = 4 if row["method"].startswith("hadr") else 3
+        ax.errorbar(
+            share, moved, doubt, color=color, marker=marker, ms=5, lw=1.4, label=name, zorder=above
+        )
     shown = [row for row in rows if row["split"] == split]
     if shown:
         grown = [100 * point["grown"] for row in shown for point in row["by_share"]]
