@@ -57,3 +57,16 @@ def test_what_is_there_is_summed_up_and_what_is_missing_is_said(
     file = read_result_file(results / "handover.json")
     assert [row["attempts"] for row in file.rows] == [2, 2]
     assert "still" not in file.what
+
+
+def test_more_time_is_given_only_to_what_the_clock_ended(
+    tables: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ends = {"0000-900": "success", "0000-901": "time-out"}  # the others are still to be made
+    monkeypatch.setattr(tables, "is_finished", lambda _, trial: trial.name in ends)
+    monkeypatch.setattr(tables, "finished_attempt", lambda _, t: ({"verdict": ends[t.name]},))
+    asked = tables.patient(tmp_path, "perfect", 0)
+    made = {trial.name: (out.name, trial.time_limit) for out, (trial,) in asked}
+    assert len(made) == 48
+    assert made["0000-900"] == ("seed-0", 13.0)
+    assert made["0000-901"] == made["0000-902"] == ("time_limit-26-seed-0", 26.0)
