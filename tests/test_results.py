@@ -924,7 +924,7 @@ def test_running_it_says_what_the_presets_took() -> None:
     rows = read_sealed(RESULTS / "imagenet" / "run_times.json")["rows"]
     long = [row["seconds"] for row in rows if row["seconds"] > 100]
     assert (
-        f"Its {len(long)} trainings took {sum(long) / 3600:.1f} hours of one core together with "
+        f"Its first {len(long)} trainings took {sum(long) / 3600:.1f} hours of one core together with "
         f"their scoring, {min(long) / 60:.0f} to {max(long) / 60:.0f} minutes each" in page
     )
     made = read_sealed(RESULTS / "generation" / "mini_run.json")

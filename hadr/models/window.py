@@ -1,9 +1,10 @@
 """A square window around hand and glass, through which a network looks at a frame.
 
-A glass covers a few per cent of a picture. Squashed to a network's size it has some hundred pixels,
-and its rim is gone. Through a window it has thousands. A window is a camera that really could have
-taken the picture, one with a longer focal length that looks aside: depth, keypoints and rays in
-metres stay what they are, and only pixels and intrinsics change.
+A glass covers a few per cent of a picture. Squashed to 128x128 pixels it has some 1,100 of them,
+through a window of that size around glass and hand some 2,400 (medians of the 48 bundled test
+frames, of 320x180, where it has 3,900). A window is a camera that really could have taken the
+picture, one with a longer focal length that looks aside: depth, keypoints and rays in metres stay
+what they are, and only pixels and intrinsics change.
 """
 
 from __future__ import annotations
