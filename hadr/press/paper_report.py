@@ -190,7 +190,7 @@ def _handover(file: ResultFile, paper: Mapping[str, Any], size: str) -> str:
         "ours by simulated ones, with the simulator's masks and keypoints, made noisy, and with "
         "grasps of a sampler of our own. So only the rates' order may be compared, and not that of "
         "rates as near as these of 48 attempts: chapter 13 has more of some, the rows of "
-        "`mini/handover_seeds.json`, and says what came out otherwise under an older guard. "
+        "`mini/handover_seeds.json`, and says what came out otherwise when all was made again. "
         "The last three columns count the objects of which more than half, more than 80 %, or all "
         "attempts succeed."
     )

@@ -101,16 +101,17 @@ class RobotCamera:
         color: bool = True,
     ) -> CapturedFrame:
         """Take a picture; `rng` draws the sensors' noise, colour takes most of the time."""
+        color_rng, depth_rng = rng.spawn(2)  # the depth is the same with colour and without
         moved = self._view(scene.opened(state.opened))
         poses = state.base_from_wrist, state.base_from_object
         view = moved.at(*poses, self._arm_in_view(state, self.base_from_camera))
         labels = view.seen(self.intrinsics, self.base_from_camera)
         picture = None
         if color:
-            light = view.light(self.intrinsics, self.base_from_camera, rng)
-            picture = develop(light, rng, ColorCamera())
+            light = view.light(self.intrinsics, self.base_from_camera, color_rng)
+            picture = develop(light, color_rng, ColorCamera())
         raw = DepthSensor().measure(
-            labels.depth, labels.background_depth, labels.object_mask, self.intrinsics, rng
+            labels.depth, labels.background_depth, labels.object_mask, self.intrinsics, depth_rng
         )
         if self.calibrated is not None:
             believed = moved.at(*poses, self._arm_in_view(state, self.calibrated))

@@ -152,6 +152,8 @@ def test_pictures_look_like_the_training_frames_and_repeat(
     assert again.color is not None
     np.testing.assert_array_equal(one.color, again.color)
     np.testing.assert_array_equal(one.raw_depth, again.raw_depth)
+    gray = camera.capture(at(scene, 0.0), scene, np.random.default_rng(5), color=False)
+    np.testing.assert_array_equal(gray.raw_depth, one.raw_depth)  # whoever needs no colour
     # bundled validation frames: mean 131 to 167, standard deviation 25 to 70
     assert 125 < one.color.mean() < 175
     assert 20 < one.color.std() < 75
