@@ -6,8 +6,9 @@ the object, the gripper draws back and goes in again farther to that side (half 
 the side changes, so that it does not swing between two places); and where nothing was met at the
 end, it goes on until the object meets the palm. Which of hand and object it met, it can't feel: a
 hand as near as that has already stopped it, as far as the hand's place is known. Then the fingers
-close, feel whether they hold something, and draw back gently. Whenever somebody pulls at the object
-they wait. Once they have come a little way without, they hold it firmly and carry it home.
+close, as long as a hand is seen and not between them, feel whether they hold something, and draw
+back gently. Whenever somebody pulls at the object they wait. Once they have come a little way
+without, they hold it firmly and carry it home.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 
 from hadr.camera import Array
 from hadr.handover import safety, stages
+from hadr.handover.grasping.collision import between_pads
 from hadr.handover.grasping.grasps import FEELING_STEP, forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError, too_near
 from hadr.handover.poses import pose_distance
@@ -246,6 +248,7 @@ class Retrieval:
         """Tell the fingers to close at a tool pose (4, 4), as far as the object lets them."""
         self._pose, self._travelled, self._open = pose, 0.0, self.arm.reading.width
         self.arm.alone = self.arm.closed = False
+        self._check_hand(now)
         self.arm.robot.set_gripper(0.0, stages.GENTLE_FORCE)
         self._still = (now, self.arm.reading.width)
         self.enter("close", now)
@@ -253,16 +256,14 @@ class Retrieval:
     def step(self, now: float, dt: float) -> bool:
         """Go on for dt seconds; True once the object is home.
 
-        HaltError where nothing is between the fingers, somebody pulls at it for long, the hand is
-        in the way, or the sensor at the wrist gives no number.
+        HaltError where nothing is between the fingers, or a hand is, or none is seen while they
+        close; where somebody pulls at it for long, the hand is in the way, or the sensor at the
+        wrist gives no number.
         """
         arm, c = self.arm, self.arm.config
         if self.part == "close":
             arm.go(self._pose, c.advance_speed, dt)
-            within = -arm.beside(arm.watch.keypoints)
-            if within > 2 * c.human_uncertainty:  # it is around what the hand holds
-                arm.robot.set_gripper(self._open, stages.GENTLE_FORCE)  # the fingers don't stop
-                raise HaltError(f"hand {1000 * within:.0f} mm within the gripper", back=True)
+            self._check_hand(now)
             if abs(arm.reading.width - self._still[1]) > STILL:
                 self._still = (now, arm.reading.width)
             late = now - self._since > stages.CLOSE_TIMEOUT
@@ -299,6 +300,20 @@ class Retrieval:
             if self._travelled >= stages.RETREAT and near:
                 self.enter("carry", now)
         return False
+
+    def _check_hand(self, now: float) -> None:
+        """HaltError where the hand is in the gripper that closes, or is not seen."""
+        arm, hand, reading = self.arm, self.arm.watch.keypoints, self.arm.reading
+        words, within = "", -arm.beside(hand)
+        unseen = arm.watch.trouble(now)
+        if within > 2 * arm.config.human_uncertainty:  # it is around what the hand holds
+            words = f"hand {1000 * within:.0f} mm within the gripper"
+        elif hand is not None and between_pads(reading.tool, reading.width, hand):
+            words = "a finger between the gripper's pads"
+        if unseen or words:
+            if not (unseen and arm.around_something):  # the fingers don't stop by themselves
+                arm.robot.set_gripper(self._open, stages.GENTLE_FORCE)
+            raise HaltError(unseen or words, back=True)
 
     def blocked(self, now: float) -> str:
         """Say that the hand is in the rest of the way back, or nothing."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -75,6 +76,7 @@ def advancing(config: HandoverConfig, **block: object) -> tuple[Touching, Advanc
         middle=away.mean(axis=0),
     )
     watch.soon = lambda ahead: watch.keypoints  # it rests
+    watch.trouble = lambda now: watch.problem
     advance = Advance(GuardedArm(robot, config, watch))
     advance.begin()
     return robot, advance, robot.start
@@ -348,16 +350,33 @@ def test_the_tool_is_no_faster_than_the_hand_beside_it_allows(
     assert (speeds <= 1.02 * np.array(allowed) + 1e-6).all()
 
 
-def closing(robot: Touching, advance: Advance, start: np.ndarray) -> Retrieval:
-    """Close the fingers, up to the part that follows."""
+def closing(
+    robot: Touching, advance: Advance, start: np.ndarray, disturb: Callable[[], None] | None = None
+) -> Retrieval:
+    """Close the fingers, up to the part that follows; they are disturbed once on their way."""
     retrieval, now = Retrieval(advance.arm), 0.0
     retrieval.begin(now, start)
     while retrieval.part == "close":
         assert now < 3.0, "the fingers close for ever"
+        if disturb is not None and now > 0.1:
+            disturb()
         advance.arm.read()
         retrieval.step(now, DT)
         now += DT
     return retrieval
+
+
+def told_to(robot: Touching) -> list[float]:
+    """The widths that the gripper is told from now on, metres."""
+    told: list[float] = []
+    command = robot.set_gripper
+
+    def note(width: float, force: float) -> None:
+        told.append(width)
+        command(width, force)
+
+    robot.set_gripper = note  # type: ignore[method-assign]
+    return told
 
 
 def test_fingers_that_are_stuck_hold_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -367,15 +386,76 @@ def test_fingers_that_are_stuck_hold_nothing(monkeypatch: pytest.MonkeyPatch) ->
         closing(robot, advance, start)
 
 
-def test_fingers_do_not_close_around_a_hand() -> None:
+def test_fingers_do_not_close_around_a_hand_in_the_palm() -> None:
+    """Its 20 mm of flesh reach from beside the palm 21 mm into it, its forearm points away."""
     robot, advance, start = advancing(PLAIN)
     robot.between_fingers = 0.06
-    put_hand(advance, start[:3, 3] - 0.02 * start[:3, 2], start[:3, 0])
-    told: list[float] = []
-    robot.set_gripper = lambda width, force: told.append(width)  # type: ignore[method-assign]
-    with pytest.raises(HaltError, match="within the gripper"):
+    put_hand(advance, start[:3, 3] + start[:3, :3] @ [0.0, 0.031, -0.1], start[:3, 1])
+    told = told_to(robot)
+    with pytest.raises(HaltError, match="hand 21 mm within the gripper"):
         closing(robot, advance, start)
-    assert told == [0.0, robot.gripper_width()]  # a gripper goes on until it is told otherwise
+    assert told == [robot.gripper_width()]  # nothing has told them to close
+
+
+BETWEEN = [(0.0, 0.0, -0.012), (0.012, 0.006, -0.025), (-0.01, -0.006, -0.02)]
+"""Places between the open pads, metres from the tool along closing, height and approach."""
+
+
+@pytest.mark.parametrize("place", BETWEEN)
+@pytest.mark.parametrize("late", [False, True], ids=["before", "while they close"])
+def test_fingers_do_not_close_on_a_finger_between_the_pads(
+    place: tuple[float, float, float], late: bool
+) -> None:
+    """What comes in the fingers' way is soft: they press on it as on a glass."""
+    robot, advance, start = advancing(PLAIN)
+    robot.between_fingers = 0.016
+    told, opening = told_to(robot), robot.gripper_width()
+
+    def come() -> None:
+        put_hand(advance, start[:3, 3] + start[:3, :3] @ place, start[:3, 1])
+
+    if not late:
+        come()
+    assert advance.arm.beside(advance.arm.watch.keypoints) > 0  # it touches nothing
+    with pytest.raises(HaltError, match="a finger between the gripper's pads") as halt:
+        closing(robot, advance, start, come)
+    assert halt.value.back
+    assert told == ([0.0, opening] if late else [opening])  # they go on until told otherwise
+    assert robot.gripper_width() > 0.06
+
+
+@pytest.mark.parametrize(
+    "place", [(0.02, 0.014, -0.03), (0.0, -0.014, -0.05), (0.0, 0.0, 0.004), (0.064, 0.0, -0.03)]
+)
+def test_fingers_close_beside_a_finger_that_is_not_between_the_pads(
+    place: tuple[float, float, float],
+) -> None:
+    """Its bone is above, below, before or outside of them, nearer than its flesh is thick."""
+    robot, advance, start = advancing(PLAIN)
+    robot.between_fingers = 0.05
+    away = start[:3, 1] if abs(place[1]) > 0 else start[:3, 2]
+    away = start[:3, 0] if place[0] > 0.05 else np.sign(place[1] or 1) * away
+    put_hand(advance, start[:3, 3] + start[:3, :3] @ place, away)
+    assert closing(robot, advance, start).part == "let go"
+
+
+@pytest.mark.parametrize("between", [0.0, 0.06], ids=["on the way", "around the glass"])
+def test_beside_an_unseen_hand_the_fingers_stop_to_close(between: float) -> None:
+    """They open again, unless they are around something: it could be dropped."""
+    robot, advance, start = advancing(PLAIN)
+    robot.between_fingers = between
+    told, opening = told_to(robot), robot.gripper_width()
+
+    def lose() -> None:
+        if between == 0.0 or robot.finger_force() > 0:
+            advance.arm.watch.keypoints = None
+            advance.arm.watch.problem = "the camera stopped"
+
+    with pytest.raises(HaltError, match="the camera stopped") as halt:
+        closing(robot, advance, start, lose)
+    assert halt.value.back
+    assert told == ([0.0, opening] if between == 0.0 else [0.0])
+    assert robot.gripper_width() > 0.05
 
 
 def test_a_thin_stem_that_both_fingers_press_is_held() -> None:
