@@ -207,6 +207,13 @@ class Advance:
         assert self._back_to is not None
         soon = forward_of(target, max(self._back_to, self.travelled - safety.LOOK_AHEAD))
         factor, most = 1.0, KEEPS_UP * c.advance_speed
+        arm.caution = arm.held_back(soon)
+        self._blocked = self._blocked + dt if arm.caution else 0.0
+        if self._blocked > stages.PULL_TIME:
+            raise HaltError(arm.caution, back=True)
+        if arm.caution:
+            arm.hold(dt)
+            return
         if arm.nearer(soon):
             factor = arm.allowed([soon], safety.GRASP_DISTANCE, most, usual=c.advance_speed)
         self.travelled = max(self._back_to, self.travelled - self._slow(factor) * dt)

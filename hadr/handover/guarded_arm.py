@@ -229,6 +229,16 @@ class GuardedArm:
         tool, width = self.reading.tool, self.reading.width
         return np.inf if hand is None else hand_distance(tool, width, hand)
 
+    def held_back(self, goal: Array) -> str:
+        """Say that a way to a tool pose would drag a hand, harder than one may be; or nothing.
+
+        What pushes the gripper along is no reason to stay.
+        """
+        way = goal[:3, 3] - self.reading.tool[:3, 3]
+        way /= max(float(np.linalg.norm(way)), 1e-9)
+        pull = safety.hand_pull(self.reading.wrench[:3], way)
+        return f"something holds the gripper back with {pull:.1f} N" * (pull > safety.HAND_PULL)
+
     def _gaps(self, path: Sequence[Array], width: float | None, hand: Array) -> Array:
         """What `free` is the least of: the space to each ball of the person, metres, (m,)."""
         now, names = self.reading, [pose.tobytes() for pose in path]

@@ -1,11 +1,10 @@
 """What the arm does after a stop, until it may start again.
 
 It stands; after a protective stop, until a person has released it. Fingers that are around
-something stay so, unless somebody pulls at it all the while; and once the gripper alone holds it,
-a hand must be there, at the gripper, to take it: they never drop it. Nor do empty ones open into a
-hand beside them.
+something stay so, unless a hand that is seen at the gripper pulls at it all the while: they never
+drop it. Nor do empty ones open into a hand beside them.
 Else, beside the hand, they open and the arm backs off; from a hand that is then still too near it
-backs off farther. No way back brings it nearer to the hand.
+backs off farther. No way back brings it nearer to the hand, or drags what holds the gripper back.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from dataclasses import dataclass, field
 from hadr.camera import Array
 from hadr.handover import safety
 from hadr.handover.grasping.grasps import forward_of
-from hadr.handover.guarded_arm import GuardedArm
+from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.poses import between, pose_distance
 from hadr.handover.stages import BACK_OFF, GENTLE_FORCE, STAND_TIME
 
@@ -45,6 +44,7 @@ class Recovery:
         self._back, self._opening, self._straight = back, opening, straight
         self._yields, self._clear_from, self._travelled = 0, now, 0.0
         self._left_alone_at = now
+        self._goal = self.arm.reading.tool
         self._enter("still", now)
 
     def step(self, now: float, dt: float) -> bool:
@@ -53,9 +53,10 @@ class Recovery:
         free = arm.free()
         self.trouble = watch.trouble(now) or watch.problem
         holds = arm.around_something  # then the hand may be as near as it was when it gave
-        if not (self.trouble or holds) and free < safety.APPROACH_DISTANCE:
-            self.trouble = f"hand {1000 * free:.0f} mm from the gripper"
-        if not self._pulled():
+        if not (self.trouble or holds):
+            near = f"hand {1000 * free:.0f} mm from the gripper" * (free < safety.APPROACH_DISTANCE)
+            self.trouble = arm.held_back(self._goal) or near
+        if self.trouble or not self._pulled():
             self._left_alone_at = now
         if arm.reading.protective_stop:
             self.trouble = "a person must release the protective stop"
@@ -64,7 +65,7 @@ class Recovery:
             leaves = self._back > 0 and (pulled or not holds)
             if leaves:
                 arm.release()
-                arm.alone = arm.closed = False
+                arm.alone, arm.closed, self._shut = False, holds, arm.reading.width
                 here, wide = (arm.free(width=w, hand=watch.last) for w in (None, self._opening))
                 if not holds and wide < min(here, 0.0):
                     self._opening = None  # they would open into the hand, and hold nothing
@@ -72,37 +73,53 @@ class Recovery:
                     arm.robot.set_gripper(self._opening, GENTLE_FORCE)
             self._enter("open" if leaves else "clear", now)
         elif self.part == "open":
-            arm.hold(dt)
-            wide = self._opening is None or arm.reading.width >= self._opening - 0.002
-            if wide or now - self._since > LONGEST_OPENING:
-                straight = forward_of(arm.reading.tool, -self._back)
-                self._back_to(straight if self._straight else arm.came_from(self._back), now)
+            self._open(now, dt)
         elif self.part == "back":
-            if self._nearer(self._goal):
-                self.stay(now)
-                return False
-            speed = arm.config.back_speed
-            self._travelled = min(self._back, self._travelled + speed * dt)
-            goal = between(self._from, self._goal, self._travelled / self._back)
-            arm.go(goal, 2 * speed, dt)
-            near = pose_distance(arm.reading.tool, goal)[0] < 0.002
-            late = now - self._since > self._back / speed + 1.0
-            if self._travelled >= self._back and (near or late):
-                self.stay(now)
+            self._go_back(now, dt)
         elif self.part == "clear" and not holds:
             self._yield(now, free)
         if self.trouble or self.part in ("open", "back"):
             self._clear_from = now
         return self.part == "clear" and now - self._clear_from >= STAND_TIME - 1e-9
 
-    def _pulled(self) -> bool:
-        """Whether somebody pulls at the object who can hold it.
+    def _open(self, now: float, dt: float) -> None:
+        """Wait for the fingers, then begin to back off; HaltError if they stay around something."""
+        arm = self.arm
+        arm.hold(dt)
+        if not arm.reading.width <= self._shut + 0.002:
+            arm.closed = False  # they have opened
+        wide = self._opening is None or arm.reading.width >= self._opening - 0.002
+        late = now - self._since > LONGEST_OPENING
+        if late and not wide and arm.closed:
+            arm.robot.set_gripper(0.0, GENTLE_FORCE)  # lest they open later, where no hand is
+            raise HaltError("the fingers do not open")
+        if wide or late:
+            arm.closed = False
+            straight = forward_of(arm.reading.tool, -self._back)
+            self._back_to(straight if self._straight else arm.came_from(self._back), now)
 
-        A hand that is seen holds it from near the gripper, a hand beside another link does not; one
-        that is not seen, until the gripper alone does.
-        """
-        arm, hand = self.arm, self.arm.watch.keypoints
-        taken = not arm.alone if hand is None else arm.beside(hand) <= safety.AT_THE_GLASS
+    def _go_back(self, now: float, dt: float) -> None:
+        """Back off on, but wait where something holds the gripper back."""
+        arm, speed = self.arm, self.arm.config.back_speed
+        late = now - self._since > self._back / speed + 1.0
+        if self._nearer(self._goal):
+            self.stay(now)
+        elif arm.held_back(self._goal):
+            arm.hold(dt)
+            if late:
+                self.stay(now)
+        else:
+            self._travelled = min(self._back, self._travelled + speed * dt)
+            goal = between(self._from, self._goal, self._travelled / self._back)
+            arm.go(goal, 2 * speed, dt)
+            near = pose_distance(arm.reading.tool, goal)[0] < 0.002
+            if self._travelled >= self._back and (near or late):
+                self.stay(now)
+
+    def _pulled(self) -> bool:
+        """Whether a hand that is seen at the gripper pulls; one beside another link does not."""
+        arm = self.arm
+        taken = arm.beside(arm.watch.keypoints) <= safety.AT_THE_GLASS
         return taken and safety.hand_pull(arm.reading.wrench[:3]) > safety.HAND_PULL
 
     def stay(self, now: float) -> None:

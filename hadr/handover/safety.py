@@ -191,8 +191,13 @@ def object_in_hand(points: Array, keypoints: Array) -> bool:
     return bool(cKDTree(hand_points(keypoints)).query(points)[0].min() <= OBJECT_NEAR)
 
 
-def hand_pull(force: Array) -> float:
-    """How hard somebody pulls, N: the force on the gripper (3,), base frame, less a weight."""
+def hand_pull(force: Array, way: Array | None = None) -> float:
+    """How hard somebody pulls, N: the force on the gripper (3,), base frame, less a weight.
+
+    Given the way that the gripper goes, a unit vector (3,), less what pushes it along, too.
+    """
+    if way is not None:
+        force = force - max(0.0, float(force @ way)) * way
     weight = np.clip(-force[2], 0.0, LARGEST_WEIGHT)
     return float(np.linalg.norm(force + np.array([0.0, 0.0, weight])))
 

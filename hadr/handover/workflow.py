@@ -365,7 +365,8 @@ class Handover:
         self._enter(Stage.GOING_HOME, reason + (f"; {why}" if why else ""))
 
     def _go_home(self, dt: float) -> None:
-        self.caution = self.watch.blind(self.time)  # with nothing to carry away it stands then
+        # with nothing to carry away it stands then
+        self.caution = self.watch.blind(self.time) or self.arm.held_back(self.arm.home)
         if self.caution:
             self.arm.hold(dt)
         elif self.arm.homeward(self.time, dt):

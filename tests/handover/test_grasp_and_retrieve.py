@@ -14,7 +14,7 @@ from hadr.handover.grasp_and_retrieve import BLOCKED_TIME, DRAW_BACK, Advance, R
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.simulated_ur5 import SimulatedUR5
-from hadr.handover.stages import HandoverConfig
+from hadr.handover.stages import PULL_TIME, HandoverConfig
 
 DT = 0.02
 PLAIN = HandoverConfig()
@@ -149,7 +149,7 @@ def test_it_draws_back_before_it_goes_aside() -> None:
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_finger_on_the_object_sends_the_gripper_to_that_side(side: int) -> None:
     """A block from 0.03 m on one side: free once the gripper has gone 0.02 m towards it."""
-    _, advance, start = advancing(FEELING, block=(*sorted((side * 0.030, side * 0.062)), 0.11))
+    robot, advance, start = advancing(FEELING, block=(*sorted((side * 0.030, side * 0.062)), 0.11))
     end, heard = final_move(advance, start)
     assert end[0, 3] == pytest.approx(side * FEELING.feel_aside, abs=1e-3)
     assert end[2, 3] > WAY
@@ -164,6 +164,7 @@ def test_a_finger_on_the_object_sends_the_gripper_to_that_side(side: int) -> Non
         heard[1][1],
     )
     assert advance.corrections == 1
+    robot.block = None
     advance.begin()
     assert (advance.corrections, advance.all_corrections) == (0, 1)
     assert final_move(advance, start)[1][0] == ("advance", "")
@@ -456,6 +457,47 @@ def test_beside_an_unseen_hand_the_fingers_stop_to_close(between: float) -> None
     assert halt.value.back
     assert told == ([0.0, opening] if between == 0.0 else [0.0])
     assert robot.gripper_width() > 0.05
+
+
+def drawn_back(force: np.ndarray) -> tuple[float, list[str], str]:
+    """How far a gripper comes out by itself while a force (3,), tool frame, is on it, metres.
+
+    And what it says, and the stop's reason where there is one.
+    """
+    robot, advance, start = advancing(FEELING, block=(0.030, 0.062, 0.11))
+    tool, heard, stop = draw_back(robot, advance, start), [], ""
+    wrench = np.concatenate([tool[:3, :3] @ force, np.zeros(3)])
+    robot.tool_wrench = lambda: wrench  # type: ignore[method-assign]
+    for _ in range(150):
+        try:
+            step(advance, start)
+        except HaltError as halt:
+            stop = str(halt) + ", back" * halt.back
+            break
+        heard.append(advance.arm.caution)
+        if advance.part != "draw back":
+            break
+    return (tool - robot.tool_pose())[:3, 3] @ tool[:3, 2], heard, stop
+
+
+@pytest.mark.parametrize("force", [[0.0, 0.0, 6.0], [6.0, 0.0, -3.0], [0.0, 6.0, 0.0]])
+def test_a_gripper_that_hangs_at_what_it_draws_back_from_waits_and_stops(
+    force: list[float],
+) -> None:
+    way, heard, stop = drawn_back(np.array(force))
+    assert way < 0.005
+    words = "something holds the gripper back with 6.0 N"
+    assert set(heard) == {words}
+    assert len(heard) == pytest.approx(PULL_TIME / DT, abs=2)
+    assert stop == f"{words}, back"
+
+
+@pytest.mark.parametrize("force", [[0.0, 0.0, 2.5], [0.0, 0.0, -6.0], [2.0, 0.0, -5.0]])
+def test_a_light_pull_and_what_it_presses_on_let_it_draw_back(force: list[float]) -> None:
+    way, heard, stop = drawn_back(np.array(force))
+    assert way > 0.02
+    assert not any(heard)
+    assert stop == ""
 
 
 def test_a_thin_stem_that_both_fingers_press_is_held() -> None:

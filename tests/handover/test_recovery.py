@@ -1,5 +1,6 @@
 """After a stop: the arm leaves a hand that it is pressed against, and one that stays too near."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -137,10 +138,10 @@ class HoldingUR5(SimulatedUR5):
         return float("nan") if self.dead else super().finger_force()
 
 
-def holding(watched: Watched, *, seconds: float) -> float:
-    """The fingers' width so long after a stop while the gripper alone holds, metres."""
+def holding(watched: Watched, *, seconds: float, alone: bool = True) -> float:
+    """The fingers' width so long after a stop while they hold, metres."""
     robot = watched.arm.robot
-    watched.arm.alone = watched.arm.closed = True
+    watched.arm.alone, watched.arm.closed = alone, True
     recovery = Recovery(watched.arm)
     recovery.begin(watched.look(), back=BACK_OFF, opening=0.085, straight=False)
     for _ in range(round(seconds / DT)):
@@ -165,12 +166,140 @@ def test_only_a_hand_at_the_gripper_takes_what_it_holds(there: str, opens: bool)
     assert (holding(watched, seconds=2.0) > 0.08) is opens
 
 
+@pytest.mark.parametrize("alone", [True, False], ids=["alone", "with the hand"])
+@pytest.mark.parametrize("camera", ["sees none", "stands"])
+def test_fingers_around_a_glass_do_not_open_for_a_pull_where_no_hand_is_seen(
+    alone: bool, camera: str
+) -> None:
+    robot = HoldingUR5()
+    watched = Watched(robot)
+    watched.hand = FAR_HAND - FAR_HAND.mean(axis=0) + robot.tool_pose()[:3, 3]
+    for _ in range(21):
+        watched.look()
+    if camera == "sees none":
+        hide(watched)
+    else:
+        last, shown = watched.seen(), watched.seen
+        watched.seen = lambda: replace(last, time=shown().time)  # type: ignore[method-assign]
+    robot.wrench = np.array([0, 5.0, 0, 0, 0, 0])
+    assert holding(watched, seconds=2.0, alone=alone) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("held", ["hand", "stuck fingers"])
+def test_fingers_that_do_not_open_keep_hand_and_glass_where_they_are(
+    held: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Around a glass that a hand pulls at; free ones give it and go."""
+    robot = HoldingUR5()
+    if held == "stuck fingers":
+        monkeypatch.setattr(robot, "_move_fingers", lambda dt: None)
+    watched = Watched(robot)
+    start = robot.tool_pose()
+    watched.put(0.01, start[:3, 2])
+    # until the fingers have given it
+    robot.tool_wrench = lambda: (  # type: ignore[method-assign]
+        np.array([0, 6.0 * (robot.gripper_width() < 0.06), 0, 0, 0, 0])
+    )
+    arm, told = watched.arm, []
+    command = robot.set_gripper
+    monkeypatch.setattr(robot, "set_gripper", lambda *words: (told.append(words), command(*words)))
+    arm.closed = True
+    recovery = Recovery(arm)
+    recovery.begin(watched.look(), back=BACK_OFF, opening=0.085, straight=True)
+    stop = ""
+    for _ in range(200):
+        try:
+            recovery.step(watched.look(), DT)
+        except HaltError as halt:
+            stop = str(halt)
+            break
+    way = np.linalg.norm(robot.tool_pose()[:3, 3] - start[:3, 3])
+    if held == "hand":
+        assert not arm.around_something
+        assert (stop, way) == ("", pytest.approx(BACK_OFF, abs=0.003))
+        assert told == [(0.085, 7.0)]
+    else:
+        assert arm.around_something  # so that nothing takes them for free
+        assert (stop, way) == ("the fingers do not open", pytest.approx(0.0, abs=1e-6))
+        assert told == [(0.085, 7.0), (0.0, 7.0)]
+
+
+def backing(watched: Watched, recovery: Recovery, seconds: float) -> list[tuple[str, str, float]]:
+    """Part, trouble and the way so far along the approach, metres, in every step."""
+    robot, heard = watched.arm.robot, []
+    start = robot.tool_pose()
+    for _ in range(round(seconds / DT)):
+        again = recovery.step(watched.look(), DT)
+        way = float((start - robot.tool_pose())[:3, 3] @ start[:3, 2])
+        heard.append(("again" if again else recovery.part, recovery.trouble, way))
+    return heard
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_what_holds_the_gripper_back_is_not_dragged(straight: bool) -> None:
+    """A mug hangs at a finger, its hand pulls by 250 N/m; at 5 s it is set free."""
+    robot = SimulatedUR5()
+    watched = Watched(robot)
+    approach, place = robot.tool_pose()[:3, 2], robot.tool_pose()
+    if not straight:  # it came along the same line
+        place[:3, 3] -= 0.1 * approach
+        for _ in range(100):
+            robot.servo_to(place, DT)
+            watched.look()
+        place = robot.tool_pose()
+        place[:3, 3] += 0.1 * approach
+        for _ in range(100):
+            robot.servo_to(place, DT)
+            watched.look()
+    start = robot.tool_pose()
+    free = False
+
+    def hang() -> np.ndarray:
+        way = (start - robot.tool_pose())[:3, 3]
+        return np.concatenate([np.zeros(3) if free else 250.0 * way, np.zeros(3)])
+
+    robot.tool_wrench = hang  # type: ignore[method-assign]
+    recovery = Recovery(watched.arm)
+    recovery.begin(watched.look(), back=BACK_OFF, opening=0.085, straight=straight)
+    heard = backing(watched, recovery, 5.0)
+    assert max(way for *_, way in heard) < 0.02  # 3 N are 12 mm
+    assert heard[-1][0] == "clear"  # where patience ends
+    assert re.fullmatch(r"something holds the gripper back with [34]\.\d N", heard[-1][1])
+    assert "again" not in {part for part, *_ in heard}
+    free = True
+    assert backing(watched, recovery, 1.0)[-1][:2] == ("again", "")
+
+
+def test_going_home_it_drags_nothing_either() -> None:
+    robot = SimulatedUR5()
+    handover = Handover(robot, lambda *_: None, np.eye(4), HandoverConfig(patience=0.1))
+    away = robot.tool_pose()
+    away[:3, 3] -= 0.1 * away[:3, 2]
+    for _ in range(100):
+        robot.servo_to(away, DT)
+    start, watched = robot.tool_pose(), Watched(robot)
+    robot.tool_wrench = (
+        lambda: np.append(  # type: ignore[method-assign]
+            250.0 * (start - robot.tool_pose())[:3, 3], np.zeros(3)
+        )
+    )
+    while not handover.over:
+        watched.look()
+        handover.step(watched.seen(), DT)
+    assert np.linalg.norm((robot.tool_pose() - start)[:3, 3]) < 0.02
+    assert "home not reached" in handover.transitions[-1].reason
+
+
+def hide(watched: Watched) -> None:
+    """Let the pictures show no hand from now on."""
+    shown = watched.seen
+    watched.seen = lambda: replace(shown(), keypoints=None)  # type: ignore[method-assign]
+
+
 def test_fingers_that_say_no_number_do_not_drop_what_they_hold() -> None:
     robot = HoldingUR5()
     watched = Watched(robot)
-    watched.seen = lambda: Observation(  # type: ignore[method-assign]
-        watched.steps * DT, None, frame_time=0.1 * (watched.steps // 5)
-    )
+    hide(watched)
     robot.dead = True
     assert holding(watched, seconds=2.0) == pytest.approx(0.05)
 
@@ -193,8 +322,7 @@ def test_empty_fingers_do_not_open_into_a_hand_beside_them(
     recovery = Recovery(watched.arm)
     recovery.begin(watched.look(), back=BACK_OFF, opening=0.085, straight=True)
     if not seen:
-        hidden = watched.seen
-        watched.seen = lambda: replace(hidden(), keypoints=None)  # type: ignore[method-assign]
+        hide(watched)
     least = np.inf
     for _ in range(80):
         now = watched.look()

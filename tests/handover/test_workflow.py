@@ -395,7 +395,9 @@ def test_too_many_stops_with_an_object_leave_it_standing_with_the_object() -> No
 
 def pull(until: float) -> Disturb:
     def aside(handover: Handover, arm: SimulatedUR5, since: float) -> None:
-        arm.wrench[:3] = [0.0, 4.0 * (since < until), -3.6]  # and the weight of a glass
+        held = arm.gripper_width() < 0.06
+        pulls = 4.0 * (since < until)
+        arm.wrench[:3] = [0.0, pulls * held, -3.6 * held]  # and the weight of a glass
 
     return aside
 
@@ -486,6 +488,79 @@ def test_a_hand_that_comes_along_is_not_towed(lets_go: float) -> None:
     assert TOWED - 0.01 < towed < TOWED + 0.03
     assert handover.stage is (Stage.FINISHED if lets_go < 9 else Stage.GAVE_UP)
     assert 0.01 < arm.gripper_width() < 0.06  # it drops nothing
+
+
+@pytest.mark.parametrize(("fingers", "opens"), [(0.03, True), (0.10, False)])
+def test_a_camera_that_dies_as_the_fingers_close_stops_them(fingers: float, opens: bool) -> None:
+    """Slow ones are on their way and open again; fast ones are around the glass and stay so."""
+    handover = fixed_handover()
+    arm = handover.robot
+    assert isinstance(arm, SimulatedUR5)
+    arm.config = replace(arm.config, finger_speed=fingers)
+    begun: list[Observation] = []
+    parts: list[str] = []
+
+    def hang(seen: Observation) -> Observation:
+        if handover.part == "close" or begun:
+            begun.append(seen)
+            parts.append(handover.part)
+        dead = begun and seen.time < begun[0].time + 2.0
+        return replace(seen, frame_time=begun[0].taken) if dead else seen
+
+    moments = run(handover, spoil=hang)
+    time, reason = first_stop(handover)
+    assert reason.startswith("the camera stopped: no new picture for 0.3")
+    assert time < begun[0].time + 0.4
+    assert parts[: round((time - begun[0].time) / DT)].count("close") >= 10  # and no other part
+    blind = [m for m in moments if time + 0.8 < m.time < begun[0].time + 2.0]
+    assert "retreat" not in parts[:100]
+    if opens:
+        assert blind[-1].gripper_width == pytest.approx(0.075)
+    else:
+        assert max(m.gripper_width for m in blind) < 0.06
+        assert np.ptp([m.tool[:3, 3] for m in blind], axis=0).max() < 1e-6
+    assert handover.stage is Stage.FINISHED  # once the camera is back
+
+
+@pytest.mark.parametrize("part", ["let go", "retreat"])
+def test_a_glass_is_given_back_to_no_hand_that_is_not_seen(part: str) -> None:
+    handover = fixed_handover(HandoverConfig(patience=5.0))
+    arm = handover.robot
+    assert isinstance(arm, SimulatedUR5)
+    begun: list[float] = []
+
+    def look(seen: Observation) -> Observation:
+        if handover.part == part and not begun:
+            begun.append(seen.time)
+        if not begun:
+            return seen
+        arm.wrench[:3] = [0.0, 4.0, -3.6]
+        return replace(seen, keypoints=None)
+
+    moments = run(handover, spoil=look)
+    assert first_stop(handover)[1] == "somebody pulls at the object with 4.0 N"
+    assert max(m.gripper_width for m in moments if m.time > begun[0]) < 0.06
+    assert handover.transitions[-1].reason.endswith("with an object in the gripper")
+
+
+def test_stuck_fingers_drag_nobody_and_are_not_taken_for_free_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Whoever pulls at the glass has to be helped by a person: it stands and says so."""
+
+    def stick(handover: Handover, arm: SimulatedUR5, since: float) -> None:
+        monkeypatch.setattr(arm, "_move_fingers", lambda dt: None)
+        arm.wrench[:3] = [6.0, 0.0, 0.0]
+
+    handover, moments, begun = disturbed("let go", stick)
+    places = [m.tool[:3, 3] for m in moments if m.time > begun]
+    assert np.ptp(places, axis=0).max() < 0.003
+    assert max(m.gripper_width for m in moments if m.time > begun) < 0.06
+    reasons = [t.reason for t in handover.transitions]
+    assert "the fingers do not open" in reasons
+    assert reasons[-1].endswith("with an object in the gripper")
+    before = [t.after for t in handover.transitions if t.time > begun]
+    assert set(before) == {Stage.STOPPED, Stage.GRASP_AND_RETRIEVE, Stage.GAVE_UP}
 
 
 def test_patience_does_not_end_what_the_gripper_holds() -> None:
