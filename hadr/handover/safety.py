@@ -194,10 +194,12 @@ def object_in_hand(points: Array, keypoints: Array) -> bool:
 def hand_pull(force: Array, way: Array | None = None) -> float:
     """How hard somebody pulls, N: the force on the gripper (3,), base frame, less a weight.
 
-    Given the way that the gripper goes, a unit vector (3,), less what pushes it along, too.
+    Given the way that the gripper goes, a unit vector (3,), less what pushes it along, too, and
+    what is across counts by half: so a glass presses that is left between open fingers.
     """
     if way is not None:
-        force = force - max(0.0, float(force @ way)) * way
+        along = float(force @ way)
+        force = (force - along * way) / 2 + min(0.0, along) * way
     weight = np.clip(-force[2], 0.0, LARGEST_WEIGHT)
     return float(np.linalg.norm(force + np.array([0.0, 0.0, weight])))
 

@@ -9,6 +9,7 @@ from hadr.handover.safety import (
     REACTION_TIME,
     allowed_speed,
     hand_problem,
+    hand_pull,
     line_velocity,
     low_confidence,
     object_in_hand,
@@ -109,3 +110,16 @@ def test_confidence_and_object_in_hand() -> None:
     assert low_confidence(float("nan")) != ""
     assert object_in_hand(np.array([[1.0, 0, 0], [0, 0.1, 0.049]]), flat_hand())
     assert not object_in_hand(np.array([[0, 0.1, 0.051]]), flat_hand())
+
+
+def test_of_a_pull_on_a_way_counts_what_is_against_it_and_half_of_what_is_across() -> None:
+    way = np.array([1.0, 0.0, 0.0])
+    for force, pull in (
+        ([-4.0, 0.0, 0.0], 4.0),
+        ([4.0, 0.0, 0.0], 0.0),
+        ([9.0, 6.0, 0.0], 3.0),
+        ([-4.0, 6.0, 0.0], 5.0),
+        ([0.0, 0.0, -4.0], 0.0),
+        ([0.0, 0.0, 4.0], 2.0),
+    ):
+        assert hand_pull(np.array(force), way) == pytest.approx(pull)
