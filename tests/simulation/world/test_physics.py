@@ -12,7 +12,7 @@ from hadr.handover.poses import pose_distance
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.simulation.world.model import hand_capsules
 from hadr.simulation.world.object_parts import mass_properties
-from hadr.simulation.world.physics import World
+from hadr.simulation.world.physics import HAND_STIFFNESS, World
 from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
 
@@ -94,11 +94,8 @@ def test_the_hand_follows_its_path(scene: HeldScene) -> None:
         np.testing.assert_allclose(world.keypoints(), wanted_points, atol=0.006)
 
 
-@pytest.fixture(scope="module")
-def handed_over() -> tuple[World, list[WorldState], np.ndarray]:
-    """A tumbler taken at its upper part, 20 degrees beside the way from the robot to it."""
-    scene = held_scene("0000", 925)
-    world = World(scene)
+def upper_part(scene: HeldScene) -> np.ndarray:
+    """A tool pose around a tumbler's upper part, 20 degrees beside the way from the robot to it."""
     axis = scene.base_from_object[:3, 2]
     center = transform_points(scene.base_from_object, np.array([[0, 0, 0.85 * 0.106]]))[0]
     approach = center * [1, 1, 0]
@@ -109,6 +106,34 @@ def handed_over() -> tuple[World, list[WorldState], np.ndarray]:
     grasp = np.eye(4)
     grasp[:3, :3] = np.stack([closing, np.cross(approach, closing), approach], axis=1)
     grasp[:3, 3] = center
+    return grasp
+
+
+@pytest.mark.parametrize("aside", [0.0475, 0.0], ids=["one finger", "palm"])
+def test_the_force_through_the_glass_is_what_the_hands_spring_bears(aside: float) -> None:
+    """The gripper pushes the glass that the hand holds: the hand's way tells how hard."""
+    scene = held_scene("0000", 925)
+    world, grasp = World(scene), upper_part(scene)
+    grasp[:3, 3] += aside * grasp[:3, 0]
+    assert max(s.through_force for s in drive(world, forward_of(grasp, -0.1), 2.5)) == 0
+    rest = world.keypoints().mean(axis=0)
+    ahead = -0.1
+    while drive(world, forward_of(grasp, ahead), 0.02)[-1].through_force < 2.0:
+        ahead += 0.002
+        assert ahead < 0.05
+    for further, least in ((0.0, 0.5), (0.012, 2.5)):
+        state = drive(world, forward_of(grasp, ahead + further), 1.0)[-1]
+        assert (state.holder, state.hand_force) == ("hand", 0.0)
+        borne = HAND_STIFFNESS * float(np.linalg.norm(world.keypoints().mean(axis=0) - rest))
+        assert borne > least
+        assert state.through_force == pytest.approx(borne, rel=0.01)
+
+
+@pytest.fixture(scope="module")
+def handed_over() -> tuple[World, list[WorldState], np.ndarray]:
+    """A tumbler taken at its upper part, 20 degrees beside the way from the robot to it."""
+    scene = held_scene("0000", 925)
+    world, grasp = World(scene), upper_part(scene)
     states = drive(world, forward_of(grasp, -0.1), 2.5)
     for step in range(60):
         states += drive(world, forward_of(grasp, -0.1 + 0.002 * (step + 1)), 0.02)
