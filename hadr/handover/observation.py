@@ -111,6 +111,7 @@ class HandWatch:
         last: The newest hand that could be used, as `keypoints`; None before the first.
         frame_time: When the newest picture was taken, seconds; NaN before the first.
         problem: What is wrong with the newest picture's hand; empty where nothing is.
+        jumped: That the newest picture's hand, doubted before, is elsewhere after all; else empty.
     """
 
     base_from_camera: Array
@@ -118,10 +119,12 @@ class HandWatch:
     last: Array | None = field(default=None, init=False)
     frame_time: float = field(default=float("nan"), init=False)
     problem: str = field(default="", init=False)
+    jumped: str = field(default="", init=False)
 
     def __post_init__(self) -> None:
         self._looked = self._started = self._frame_came = self._hand_came = float("nan")
         self._in_camera: Array | None = None
+        self._doubted: Array | None = None
         self._equal, self._path = 1, list[tuple[float, Array]]()
 
     def look(self, observation: Observation, now: float) -> bool:
@@ -137,7 +140,7 @@ class HandWatch:
         if not fresh or taken <= self.frame_time:
             return False
         self.frame_time, self._frame_came = taken, now
-        self.keypoints, hand = None, observation.keypoints
+        self.keypoints, self.jumped, hand = None, "", observation.keypoints
         self.problem = "no hand in the picture" if hand is None else safety.hand_problem(hand)
         if self.problem:
             self._equal = 1
@@ -152,7 +155,12 @@ class HandWatch:
             moved = float(np.linalg.norm(in_base - self.last, axis=1).max())  # by turning, too
             if moved > NEAR_HAND + FASTEST_HAND * since:
                 self.problem = f"the hand jumped {100 * moved:.0f} cm within {since:.2f} s"
+                self._doubted = in_base
                 return True
+            doubted = self._doubted if self._doubted is not None else in_base + np.inf
+            if np.linalg.norm(in_base - doubted, axis=1).max() < moved:
+                self.jumped = f"the hand is elsewhere: it jumped {100 * moved:.0f} cm"
+        self._doubted = None
         self.keypoints = self.last = in_base
         self._hand_came = now
         self._path = [p for p in self._path if p[0] > taken - 1.0] + [(taken, in_base)]

@@ -258,7 +258,8 @@ class Handover:
             return False
         assert self.grasp is not None  # set before these stages are entered
         moved = watch.middle - self._chosen_hand.mean(axis=0)
-        leaving = safety.withdrawal(moved, watch.velocity(0.15), self._away)
+        jumped = watch.jumped if new else ""  # the grasp is for where it was
+        leaving = jumped or safety.withdrawal(moved, watch.velocity(0.15), self._away)
         if leaving:
             raise HaltError(leaving, back=True)
         follows = c.tracking and (c.final_tracking or self.stage is Stage.APPROACH_AND_REACT)

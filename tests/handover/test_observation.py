@@ -128,6 +128,9 @@ def test_a_hand_that_jumps_is_doubted_until_it_could_be_there(jump: float) -> No
     for k in range(12):
         away = jump * (k > 3) * np.array([0.6, 0.8, 0.0])
         watch.look(Observation(0.1 * k, noisy(k) + away), 0.1 * k)
+        told = watch.keypoints is not None and k == 4 + doubted > 4
+        words = f"the hand is elsewhere: it jumped {100 * jump:.0f} cm"
+        assert watch.jumped == words * told
         if k > 3 and watch.keypoints is None:
             doubted += 1
             assert watch.problem.startswith(f"the hand jumped {100 * jump:.0f} cm within 0.")
@@ -138,6 +141,7 @@ def test_a_hand_that_jumps_is_doubted_until_it_could_be_there(jump: float) -> No
     for k in range(4):  # and once in a picture only: back at once
         watch.look(Observation(1.2 + 0.1 * k, noisy(k) + away + jump * (k == 1)), 1.2 + 0.1 * k)
         assert (watch.keypoints is None) == (k == 1)
+        assert not watch.jumped
 
 
 def test_a_hand_that_turns_faster_than_hands_do_is_doubted() -> None:

@@ -709,6 +709,76 @@ def test_a_clock_that_jumps_is_said_and_forgiven(jump: float, once: bool) -> Non
     assert afters(handover) == STAGES
 
 
+@pytest.mark.parametrize("part", ["", "advance"])
+@pytest.mark.parametrize(
+    "jump", [(0.0, 0.12, 0.0), (0.0, -0.18, 0.0), (0.0, 0.0, 0.25)], ids=["12", "18", "25"]
+)
+def test_a_grasp_is_not_carried_along_with_a_hand_that_jumps(
+    jump: tuple[float, float, float], part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stops once the hand is believed to be elsewhere, and chooses a grasp there."""
+    handover = fixed_handover()
+    begun: list[float] = []
+    sent: list[tuple[float, Stage, np.ndarray, np.ndarray]] = []
+    shift, servo_to = np.array(jump), handover.robot.servo_to
+
+    def note(pose: np.ndarray, *args: float, **given: float) -> None:
+        if begun and handover.target is not None:
+            sent.append((handover.time, handover.stage, handover.target, pose))
+        servo_to(pose, *args, **given)
+
+    def look(seen: Observation) -> Observation:
+        assert seen.keypoints is not None
+        assert seen.object_points is not None
+        there = handover.part == "advance" if part else seen.time >= 1.0
+        if there and seen.time == seen.taken and not begun:
+            begun.append(seen.time)
+        if not begun or seen.taken < begun[0]:
+            return seen
+        moved = shift @ CAMERA[:3, :3]
+        keypoints, points = seen.keypoints + moved, seen.object_points + moved
+        return replace(seen, keypoints=keypoints, object_points=points)
+
+    monkeypatch.setattr(handover.robot, "servo_to", note)
+    run(handover, spoil=look, longest=6.0)
+    time, reason = first_stop(handover)
+    size = float(np.linalg.norm(shift))
+    assert reason == f"the hand is elsewhere: it jumped {100 * size:.0f} cm"
+    assert begun[0] + 0.1 - 1e-6 < time < begun[0] + 0.3 - 1e-6  # before it is missed
+    _, _, target, pose = sent[0]
+    before = [row for row in sent if row[0] <= time and row[1] is not Stage.STOPPED]
+    assert len(before) >= 5
+    assert max(np.linalg.norm((row[2] - target)[:3, 3]) for row in before) < 0.001
+    assert max((row[3] - pose)[:3, 3] @ shift / size for row in before) < 0.01
+    new = next(row[2] for row in sent if row[0] > time and row[1] is Stage.APPROACH_AND_REACT)
+    there = forward_of(rehearsed_grasp(), -0.1)[:3, 3] + shift
+    np.testing.assert_allclose(new[:3, 3], there, atol=0.002)
+
+
+def test_a_hand_that_goes_aside_fast_is_followed() -> None:
+    """Fifteen centimetres in 0.4 s, at most 0.7 m/s, as a hand that reaches does."""
+    way: list[np.ndarray] = []
+
+    def aside(seen: Observation) -> Observation:
+        s = min(max((seen.taken - 1.0) / 0.4, 0.0), 1.0)
+        if seen.time >= 1.0 and not way:  # not away from the robot
+            x, y, _ = handover._away
+            way.append(np.array([-y, x, 0.0]) / np.hypot(x, y))
+        moved = 0.15 * s**3 * (10 - 15 * s + 6 * s**2) * (CAMERA[:3, :3].T @ way[0] if way else 0)
+        assert seen.keypoints is not None
+        assert seen.object_points is not None
+        return replace(
+            seen, keypoints=seen.keypoints + moved, object_points=seen.object_points + moved
+        )
+
+    handover = fixed_handover()
+    run(handover, spoil=aside, longest=3.0)
+    assert afters(handover) == STAGES[:2]
+    assert handover.target is not None
+    there = forward_of(rehearsed_grasp(), -0.1)[:3, 3] + 0.15 * way[0]
+    np.testing.assert_allclose(handover.target[:3, 3], there, atol=0.002)
+
+
 @pytest.mark.parametrize("method", ["servo_to", "tool_pose", "stop"])
 def test_a_drivers_exception_leaves_the_robot_stopped(
     method: str, monkeypatch: pytest.MonkeyPatch
