@@ -22,6 +22,8 @@ FEWEST_POINTS = 30
 FASTEST_HAND, NEAR_HAND = 0.8, 0.02
 """A hand that would have moved faster, m/s, and more than so far, metres, since it was believed is
 doubted: until it is back, or has had the time to go there."""
+SAME_LAG, DATED_BY = 0.1, 5
+"""So many pictures whose lags differ by no more, seconds, tell what a clock shows that jumped."""
 TURN_WINDOW, TURN_NOISE = 0.3, 0.3
 """How fast a hand turns is measured over so many seconds; so fast, rad/s, keypoints with an error
 of 4 mm seem to turn at rest, and what is slower counts as resting."""
@@ -104,6 +106,14 @@ def _number(value: object) -> float:
 class HandWatch:
     """The newest hand in the base frame, and what is wrong with the pictures.
 
+    Both times of the first observations are believed to be of one clock. Where a picture is from
+    the future, or older than one before, one of two clocks has jumped: late pictures come in order.
+    After `DATED_BY` such pictures in a row with one lag, over `safety.CAMERA_SILENT_AFTER`, all are
+    dated anew. No clock tells how late they are; it is assumed, as late as before: the one that
+    lags least is as old as the oldest of the last that were believed, when those came. What is only
+    too old is never believed, whether late or by a jump while no picture came. Who sleeps and then
+    reads a queue of old pictures cannot be told from a clock that jumped: give the newest.
+
     Attributes:
         base_from_camera: The camera's calibration, shape (4, 4), metres.
         keypoints: The hand in the newest picture, base frame, shape (21, 3), metres; None where
@@ -125,6 +135,8 @@ class HandWatch:
         self._looked = self._started = self._frame_came = self._hand_came = float("nan")
         self._in_camera: Array | None = None
         self._doubted: Array | None = None
+        self._told = self._latest = self._odd_since = float("nan")
+        self._shift, self._ages, self._lags = 0.0, list[float](), list[float]()
         self._equal, self._path = 1, list[tuple[float, Array]]()
 
     def look(self, observation: Observation, now: float) -> bool:
@@ -135,9 +147,8 @@ class HandWatch:
         self._looked = now
         if np.isnan(self._started):
             self._started = now
-        taken = observation.taken
-        fresh = now - safety.OLDEST_PICTURE <= taken <= now + 1e-6
-        if not fresh or taken <= self.frame_time:
+        taken = self._dated(observation.taken, now)
+        if np.isnan(taken):
             return False
         self.frame_time, self._frame_came = taken, now
         self.keypoints, self.jumped, hand = None, "", observation.keypoints
@@ -165,6 +176,31 @@ class HandWatch:
         self._hand_came = now
         self._path = [p for p in self._path if p[0] > taken - 1.0] + [(taken, in_base)]
         return True
+
+    def _dated(self, told: float, now: float) -> float:
+        """When a picture was taken, seconds, by what it tells; NaN: it is not to be looked at."""
+        taken = told + self._shift
+        lag, fresh = now - taken, now - safety.OLDEST_PICTURE <= taken <= now + 1e-6
+        if fresh and not taken <= self.frame_time:
+            self._told = self._latest = taken
+            self._ages, self._lags = [*self._ages[1 - DATED_BY :], lag], []
+            return taken
+        if taken == self._told or np.isnan(taken) or not self._ages:
+            return float("nan")
+        before, self._told = self._told, taken
+        if self._latest < taken <= now + 1e-6:  # it may be late
+            self._latest, self._lags = taken, []
+        elif not self._lags or taken < before or lag < min(self._lags) - SAME_LAG:
+            self._odd_since, self._lags = now, [lag]
+        else:
+            least = min(self._lags)
+            self._lags = [*self._lags, lag] if lag <= least + SAME_LAG else [least]
+        lasted = now - self._odd_since >= safety.CAMERA_SILENT_AFTER - 1e-9
+        if not lasted or len(self._lags) < DATED_BY:
+            return float("nan")
+        self._shift += min(self._lags) - max(self._ages)
+        self._told, self._lags = float("nan"), []
+        return self._dated(told, now)
 
     @property
     def middle(self) -> Array:
@@ -220,7 +256,10 @@ class HandWatch:
         """Say that at a time in seconds nothing comes from the camera, or always the same."""
         silent = now - (self._started if np.isnan(self._frame_came) else self._frame_came)
         if silent >= safety.CAMERA_SILENT_AFTER - 1e-9:
-            return f"the camera stopped: no new picture for {silent:.2f} s"
+            words = f"the camera stopped: no new picture for {silent:.2f} s"
+            if self._lags:
+                words += f", its clock jumped by {max(self._ages) - min(self._lags):+.2f} s"
+            return words
         if self._equal >= safety.FROZEN_FRAMES:
             return f"keypoints frozen: the same in {self._equal} pictures in a row"
         return ""

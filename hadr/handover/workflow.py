@@ -113,7 +113,7 @@ class Handover:
         jump = self._tick(observation.time, dt)
         taken = observation.taken + self._offset
         if observation.taken == self._shown:  # the picture that it knows, whatever the clock did
-            taken = self.watch.frame_time
+            taken = float("nan")
         new = not jump and self.watch.look(replace(observation, frame_time=taken), self.time)
         if new or jump:
             self._shown = observation.taken

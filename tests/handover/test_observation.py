@@ -144,6 +144,57 @@ def test_a_hand_that_jumps_is_doubted_until_it_could_be_there(jump: float) -> No
         assert not watch.jumped
 
 
+TEN = np.arange(10, 40) / 10  # when pictures come, seconds, after ten good ones
+LATE = TEN + 1.0
+
+
+@pytest.mark.parametrize(
+    ("came", "told", "believed"),
+    [
+        (TEN[:4], TEN[:4] - 1.6, False),
+        (TEN[:5], TEN[:5] - 1.6, True),
+        (TEN[:5], TEN[:5] + 1.4, True),
+        (TEN[:5], TEN[:5] - 1e6, True),
+        (TEN[:6], [99.0, *(TEN[1:6] - 1.6)], True),  # and a garbled one
+        (1 + TEN[:10] / 50, TEN[:10] / 50 - 0.6, False),  # not for long enough
+        (TEN, TEN - 1.6 - 0.3 * (np.arange(30) % 2), False),  # uneven
+        (TEN, TEN - np.minimum(1.6, 0.1 + 0.05 * np.arange(30)), False),  # ever later
+        (LATE, TEN - 0.1, False),  # late at once
+        (LATE, [*TEN[:5] - 0.1, 1.5, 1.4, *TEN[7:] - 0.1], False),  # and a pair exchanged
+        (LATE, [*TEN[:5] - 0.1, 99.0, *TEN[6:] - 0.1], False),  # and a garbled one
+        ([1.0, *LATE[1:]], TEN - 1.6, False),  # another clock, and late
+        (LATE + 1.0, TEN + 0.4, False),  # another clock while none came: it looks late
+    ],
+)
+def test_a_clock_that_jumped_is_told_from_pictures_that_are_late(
+    came: Array, told: Array, believed: bool
+) -> None:
+    watch, anew = HandWatch(np.eye(4)), [False]
+    for time in np.arange(10) / 10:
+        assert watch.look(Observation(time, noisy(0), frame_time=time - 0.1), time)
+    for k, (time, frame_time) in enumerate(zip(came, told, strict=True)):
+        anew.append(watch.look(Observation(time, noisy(k), frame_time=frame_time), time))
+        assert not watch.look(Observation(time, noisy(k), frame_time=frame_time), time + 0.01)
+    assert sum(anew[-5:]) == anew[-1] == believed
+
+
+def test_no_picture_is_taken_for_younger_than_those_before_the_jump() -> None:
+    watch = HandWatch(np.eye(4))
+    for k, age in enumerate([0.3, 0.06, 0.1, 0.08, 0.06, 0.06]):
+        assert watch.look(Observation(0.1 * k, noisy(k), frame_time=0.1 * k - age), 0.1 * k)
+    for k, more in enumerate([0.02, 0.0, 0.05, 0.0, 0.03, 0.0, 0.07], start=6):
+        new = watch.look(Observation(0.1 * k, noisy(k), frame_time=0.1 * k - 5.0 - more), 0.1 * k)
+        assert new == (k >= 10)
+        if new:  # the oldest of the last five came after 0.1 s
+            assert watch.age == pytest.approx(0.1 + more)
+
+
+def test_where_no_picture_was_believed_a_clock_that_is_off_is_never_forgiven() -> None:
+    watch = HandWatch(np.eye(4))
+    for k in range(30):
+        assert not watch.look(Observation(0.1 * k, noisy(k), frame_time=0.1 * k + 5), 0.1 * k)
+
+
 def test_a_hand_that_turns_faster_than_hands_do_is_doubted() -> None:
     watch = HandWatch(np.eye(4))
     for k in range(4):

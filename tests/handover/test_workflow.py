@@ -709,6 +709,74 @@ def test_a_clock_that_jumps_is_said_and_forgiven(jump: float, once: bool) -> Non
     assert afters(handover) == STAGES
 
 
+def delayed(spoil: Spoil) -> Spoil:
+    """Ten pictures a second, each 0.1 s late, and then what breaks."""
+    shown: list[Observation] = []
+
+    def late(seen: Observation) -> Observation:
+        if not shown or seen.taken > shown[-1].taken:
+            shown.append(seen)
+        picture = shown[max(0, len(shown) - 2)]
+        return spoil(replace(picture, time=seen.time, frame_time=picture.taken))
+
+    return late
+
+
+@pytest.mark.parametrize("jump", [1.5, -1.5])
+@pytest.mark.parametrize("clock", ["time", "frame_time"])
+def test_one_clock_that_jumps_alone_stops_it_until_pictures_are_dated_anew(
+    clock: str, jump: float
+) -> None:
+    handover = fixed_handover()
+    ages: list[tuple[float, float, float]] = []
+    true: list[tuple[float, float]] = []
+
+    def spoil(seen: Observation) -> Observation:
+        if true and handover.watch.keypoints is not None:
+            ages.append((*true[-1], handover.watch.age))
+        true.append((seen.time, seen.time - seen.taken))
+        jumped = getattr(seen, clock) + jump
+        return replace(seen, **{clock: jumped}) if seen.time > 0.99 else seen
+
+    moments = run(handover, spoil=delayed(spoil))
+    time, reason = first_stop(handover)
+    words = "the camera stopped: no new picture for 0.30 s, its clock jumped by "
+    assert reason == words + f"{jump if clock == 'frame_time' else -jump:+.2f} s"
+    assert 1.2 - 1e-6 < time < 1.3 + 1e-6
+    assert afters(handover) == [STAGES[0], Stage.STOPPED, Stage.WAIT_AND_OBSERVE, *STAGES]
+    again = next(t.time for t in handover.transitions if t.before is Stage.STOPPED)
+    assert 1.4 + 0.5 - 0.1 < again < 1.4 + 0.5 + 0.1  # five pictures, and half a second
+    held = [m.joints for m in moments if time + 0.1 <= m.time < again]
+    assert np.abs(np.diff(held, axis=0)).max() < 1e-9
+    assert len([t for t, *_ in ages if t > 2.0]) > 100
+    for at, age, counted in ages:
+        assert age - 1e-6 <= counted
+        assert counted <= age + 1e-6 or at < 2.0
+
+
+@pytest.mark.parametrize("grows", ["at once", "slowly"])
+def test_pictures_that_are_late_are_no_clock_that_jumped(grows: str) -> None:
+    """They come ten times a second as before, but what they show is 1.5 s old."""
+    pictures: list[Observation] = []
+
+    def pipe(seen: Observation) -> Observation:
+        if not pictures or seen.taken > pictures[-1].taken:
+            pictures.append(seen)
+        slower = 1.5 if grows == "at once" else min(1.5, 0.5 * (seen.time - 1.0))
+        until = max(1.0, seen.time - slower) if seen.time > 1.0 else seen.time
+        picture = [p for p in pictures if p.taken <= until + 1e-9][-1]
+        return replace(picture, time=seen.time, frame_time=picture.taken)
+
+    handover = fixed_handover()
+    moments = run(handover, spoil=pipe, longest=12.0)
+    assert first_stop(handover)[1] == "the camera stopped: no new picture for 0.30 s"
+    backed_off = first_stop(handover)[0] + 2.0
+    stood = [m.joints for m in moments if m.time > backed_off]
+    assert len(stood) > 300
+    assert np.abs(np.diff(stood, axis=0)).max() < 1e-9
+    assert handover.watch.keypoints is None or handover.watch.age > 5.0
+
+
 @pytest.mark.parametrize("part", ["", "advance"])
 @pytest.mark.parametrize(
     "jump", [(0.0, 0.12, 0.0), (0.0, -0.18, 0.0), (0.0, 0.0, 0.25)], ids=["12", "18", "25"]
