@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, false_discovery_control, fisher_exact
 
+from hadr.data.samples import open_samples
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.experiments.conditions import IN_CONDITIONS, LONG, WITH_HAND
 from hadr.experiments.plan import KNOWN_ALONE, OFTEN, REPRODUCED
@@ -22,7 +23,10 @@ from hadr.experiments.tables import ABLATION, FILES, LEDGER
 from hadr.figures.tables.benchmarks import by_heart_table
 from hadr.figures.tables.handover import TIME_LIMIT, WORSE, paired
 from hadr.metrics import METRICS
+from hadr.models import window
+from hadr.models.network_input import frame_to_input
 from hadr.models.networks import DEPTH_NETWORKS, RIVALS
+from hadr.models.window import WindowConfig, lay_windows, seen_through
 from hadr.press.report import DEFAULT, ledger_effects
 from hadr.records.result_file import digest, read_result_file, read_result_files, read_sealed
 from hadr.simulation.camera.sight import keypoint_uncertainty
@@ -900,6 +904,24 @@ def test_chapter_6_says_what_four_ways_to_begin_came_to() -> None:
     assert round(costs[3]) == 8
     for name in ("validation_mae_m", "validation_rmse_m"):
         assert min(ends, key=lambda end: float(end[name])) is ends[3]
+
+
+def test_chapter_9_says_how_many_pixels_a_glass_has_in_the_window() -> None:
+    config, whole, seen = WindowConfig(), [], []
+    for frame in open_samples("test"):
+        height, width = frame.camera.shape
+        known = (frame.color, frame.depth, frame.object_mask, frame.keypoints, frame.camera)
+        inputs = frame_to_input(*known, (width, height))
+        whole.append(int(inputs.mask.sum()))
+        seen.append(int(seen_through(lay_windows(inputs, config), inputs).mask.sum()))
+    pixels = float(np.median(seen))
+    assert len(seen) == 48
+    assert f"({round(pixels / 50) * 50:,}, in the median" in page_text(
+        "notebooks/text/09_comparison.md"
+    )
+    words = "some 1,100 of them, through a window of that size around glass and hand some 2,400"
+    assert words in " ".join(str(window.__doc__).split())
+    assert (pixels // 100, np.median(whole) // 100) == (24, 39)
 
 
 def test_chapter_9_says_how_fast_hadr_plus_is_beside_the_fastest_rival() -> None:

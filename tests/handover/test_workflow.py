@@ -329,13 +329,18 @@ Disturb = Callable[[Handover, SimulatedUR5, float], None]
 
 
 def disturbed(
-    part: str, disturb: Disturb, hand_goes: float = 0.0
+    part: str,
+    disturb: Disturb,
+    hand_goes: float = 0.0,
+    *,
+    unseen: bool = False,
+    config: HandoverConfig | None = None,
 ) -> tuple[Handover, list[Moment], float]:
     """A run that is disturbed from a part's begin on (seconds since then); and that begin.
 
-    From then on the hand is seen to go away from the camera, m/s, by at most 40 cm.
+    From then on the hand is seen to go away from the camera, m/s, by at most 40 cm, or not seen.
     """
-    handover = fixed_handover()
+    handover = fixed_handover(config)
     arm = handover.robot
     assert isinstance(arm, SimulatedUR5)
     begun: list[float] = []
@@ -347,6 +352,8 @@ def disturbed(
             return seen
         since = seen.time - begun[0]
         disturb(handover, arm, since)
+        if unseen:
+            return replace(seen, keypoints=None)
         if not hand_goes or seen.keypoints is None:
             return seen
         gone = np.array([0.0, 0.0, min(hand_goes * since, 0.4)])
@@ -524,22 +531,13 @@ def test_a_camera_that_dies_as_the_fingers_close_stops_them(fingers: float, open
 
 @pytest.mark.parametrize("part", ["let go", "retreat"])
 def test_a_glass_is_given_back_to_no_hand_that_is_not_seen(part: str) -> None:
-    handover = fixed_handover(HandoverConfig(patience=5.0))
-    arm = handover.robot
-    assert isinstance(arm, SimulatedUR5)
-    begun: list[float] = []
-
-    def look(seen: Observation) -> Observation:
-        if handover.part == part and not begun:
-            begun.append(seen.time)
-        if not begun:
-            return seen
+    def tug(handover: Handover, arm: SimulatedUR5, since: float) -> None:
         arm.wrench[:3] = [0.0, 4.0, -3.6]
-        return replace(seen, keypoints=None)
 
-    moments = run(handover, spoil=look)
+    impatient = HandoverConfig(patience=5.0)
+    handover, moments, begun = disturbed(part, tug, unseen=True, config=impatient)
     assert first_stop(handover)[1] == "somebody pulls at the object with 4.0 N"
-    assert max(m.gripper_width for m in moments if m.time > begun[0]) < 0.06
+    assert max(m.gripper_width for m in moments if m.time > begun) < 0.06
     assert handover.transitions[-1].reason.endswith("with an object in the gripper")
 
 
