@@ -2,14 +2,14 @@
 
 Nothing is trained here. A condition of a run is measured once and kept beside its row, as
 ``OUT/known/hadr/seed-0/given/PREDICTED-MASK.json``; the bundled segmentation and keypoint networks
-predict. What they find is given to all methods alike; the score is on the true mask's pixels.
+predict, or OUT's own (`_finders`). What they find is given to all methods alike; the score is on the true mask's pixels.
 """
 
 from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,10 @@ import torch
 
 from hadr.data.samples import samples_dir
 from hadr.experiments.averages import paired, standard_error
+from hadr.experiments.protocol import Experiment
 from hadr.experiments.runner import Bench, Run, code_of
 from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap, score_network
+from hadr.experiments.systems import PARTS
 from hadr.models.networks import RIVALS
 from hadr.records.caches import file_sha256
 from hadr.records.provenance import provenance
@@ -42,39 +44,61 @@ def _checkpoints() -> Path:
 CHECKPOINTS = _checkpoints()
 FINDERS = "segmentation", "hand-keypoints"
 TRUE = "all true"
+BOTH = "predicted mask and keypoints"
 
 
 def keypoints_given(bench: Bench) -> dict[str, Given]:
     """What the table of keypoints compares, by its words."""
-    return {TRUE: Given(), "predicted keypoints": Given(keypoints=str(_finders(bench)[1]))}
+    _, hands = _finders(bench, "known")
+    return {TRUE: Given(), "predicted keypoints": Given(keypoints=hands)}
 
 
 def masks_given(bench: Bench) -> dict[str, Given]:
     """What the table of masks compares; no sensor was simulated for preset imagenet's frames."""
-    masks, hands = map(str, _finders(bench))
-    both = "predicted mask and keypoints"
+    masks, hands = _finders(bench, "known")
     found = {
         TRUE: Given(),
         "predicted mask": Given(masks=masks),
         "simulated sensor": Given("sensor"),
-        both: Given(masks=masks, keypoints=hands),
-        f"simulated sensor, {both}": Given("sensor", masks, hands),
+        BOTH: Given(masks=masks, keypoints=hands),
+        f"simulated sensor, {BOTH}": Given("sensor", masks, hands),
     }
     near = bench.size == "imagenet"
     return {n: given for n, given in found.items() if not (near and given.corruption == "sensor")}
 
 
-def _finders(bench: Bench) -> tuple[Path, Path]:
+def all_given(bench: Bench) -> dict[str, Given]:
+    """All true, or all predicted: what the table of the ablation compares."""
+    masks, hands = _finders(bench, "known")
+    return {TRUE: Given(), BOTH: Given(masks=masks, keypoints=hands)}
+
+
+def unknown_given(bench: Bench) -> dict[str, Given]:
+    """What is compared on unknown objects: nothing, where no finders of OUT are strangers to them.
+
+    The bundled ones have learned from all eight objects.
+    """
+    masks, hands = _finders(bench, "unknown")
+    return {} if not (Path(masks).is_file() and Path(hands).is_file()) else {
+        TRUE: Given(),
+        "predicted mask": Given(masks=masks),
+        "predicted keypoints": Given(keypoints=hands),
+        BOTH: Given(masks=masks, keypoints=hands),
+    }  # fmt: skip
+
+
+def _finders(bench: Bench, experiment: Experiment) -> tuple[str, str]:
     """Those that find masks and keypoints: of preset imagenet OUT's own, if it has them.
 
     Such have learned from that preset's training frames, that of keypoints before from those of
-    `mini`. Else the bundled ones.
+    `mini`. Else the bundled ones, but for unknown objects.
     """
-    masks, hands = (CHECKPOINTS / f"{kind}-imagenet.safetensors" for kind in FINDERS)
-    if bench.size == "imagenet":
-        own = tuple(bench.out / "nets" / kind / LAST for kind in FINDERS)
-        if all(path.is_file() for path in own):
-            masks, hands = own
+    strangers = experiment == "unknown"
+    home = bench.out / "nets" / ("unknown" if strangers else "")
+    own = [home / kind / LAST for kind in FINDERS]
+    is_own = strangers or (bench.size == "imagenet" and all(path.is_file() for path in own))
+    bundled = [CHECKPOINTS / f"{kind}-imagenet.safetensors" for kind in FINDERS]
+    masks, hands = map(str, own if is_own else bundled)
     return masks, hands
 
 
@@ -83,6 +107,15 @@ WITH_HAND = ("hand-median", "hadr", "unet-hand", "hadr-plus", *LONG)
 """Methods that are given keypoints."""
 IN_CONDITIONS = ("hand-median", "hadr", *RIVALS, "unet-hand", "hadr-plus", *LONG)
 """Methods that the tables of conditions have."""
+CONDITION_TABLES: Mapping[
+    str, tuple[Experiment, Callable[[Bench], dict[str, Given]], Sequence[str]]
+] = {
+    "segmentation": ("known", masks_given, IN_CONDITIONS),
+    "keypoints": ("known", keypoints_given, WITH_HAND),
+    "ablation_predicted": ("known", all_given, (*PARTS, "hadr")),
+    "unknown_predicted": ("unknown", unknown_given, IN_CONDITIONS),
+}
+"""The tables of conditions: on which objects, what is given, and which methods they have."""
 
 
 def condition_of(run: Run, name: str) -> Path:
@@ -168,20 +201,19 @@ def condition_frames(bench: Bench, run: Run, size: tuple[int, int], given: Given
 
 
 def condition_rows(
-    bench: Bench,
-    conditions: Mapping[str, Given],
-    methods: Sequence[str],
-    holds: Sequence[str] | None,
+    bench: Bench, table: str, holds: Mapping[str, Sequence[str]]
 ) -> list[dict[str, Any]]:
     """Gather the finished rows of a table of conditions, the methods in the tables' order.
 
     Each has ``against_true``: the same method compared, frame by frame, with itself when all is
-    true, and ``against_hadr``: with HADR under the same condition. `holds` is the hold of each test
-    frame.
+    true, and ``against_hadr``: with HADR under the same condition. `holds` are the holds of each
+    experiment's test frames.
     """
+    experiment, given_by, methods = CONDITION_TABLES[table]
+    conditions, groups = given_by(bench), holds.get(experiment)
     found = {}
     for method in methods:
-        run = Run("known", method, _first_seed(bench, method))
+        run = Run(experiment, method, _first_seed(bench, experiment, method))
         found[method] = {n: finished_condition(bench, run, n, g) for n, g in conditions.items()}
     rows = []
     for method, measured in found.items():
@@ -192,13 +224,13 @@ def condition_rows(
             left_out = ("per_frame", "sha256")
             shown = {key: value for key, value in row.items() if key not in left_out}
             shown["rmse_standard_error_m"] = standard_error(
-                frames["rmse_m"], holds or frames["stems"]
+                frames["rmse_m"], groups or frames["stems"]
             )
             if (reference := measured[TRUE]) is not None and row is not reference:
-                shown["against_true"] = paired(frames, reference["per_frame"], holds)
+                shown["against_true"] = paired(frames, reference["per_frame"], groups)
             other = found.get("hadr", {}).get(name)
             if method != "hadr" and other is not None:
-                shown["against_hadr"] = _with_median(frames, other["per_frame"], holds)
+                shown["against_hadr"] = _with_median(frames, other["per_frame"], groups)
             rows.append(shown)
     return rows
 
@@ -211,25 +243,27 @@ def _with_median(
     return {**paired(own, reference, holds), "median_difference_m": statistics.median(gaps)}
 
 
-def _first_seed(bench: Bench, method: str) -> int:
-    """The smallest seed with which a method was trained on known objects; 0 where it was not."""
-    names = [path.parent.name for path in bench.out.glob(f"known/{method}/seed-*/given")]
+def _first_seed(bench: Bench, experiment: Experiment, method: str) -> int:
+    """The smallest seed with which a method was trained; 0 where it was not."""
+    names = [path.parent.name for path in bench.out.glob(f"{experiment}/{method}/seed-*/given")]
     numbers = [int(name[5:]) for name in names if name[5:].isdigit()]
     return min(numbers, default=0)
 
 
-def conditions_of(seeds: Mapping[str, int], bench: Bench) -> list[tuple[Run, str, Given]]:
-    """List the conditions that the two tables need for some methods, each once."""
-    masks, keypoints = masks_given(bench), keypoints_given(bench)
+def conditions_of(runs: Sequence[Run], bench: Bench) -> list[tuple[Run, str, Given]]:
+    """List the conditions that the tables need of some runs, each once, of the first seed alone."""
+    seeds = {(run.experiment, run.method): run.seed for run in reversed(runs)}
     wanted = {
-        (name, method): given
-        for conditions, those in ((keypoints, WITH_HAND), (masks, IN_CONDITIONS))
-        for name, given in conditions.items()
-        for method in those
-        if method in seeds
+        (experiment, name, method): given
+        for experiment, given_by, methods in CONDITION_TABLES.values()
+        for name, given in given_by(bench).items()
+        for method in methods
+        if (experiment, method) in seeds
     }
-    order = [*masks, *keypoints]
+    order = [(experiment, name) for experiment, name, _ in wanted]
     return [
-        (Run("known", method, seeds[method]), name, given)
-        for (name, method), given in sorted(wanted.items(), key=lambda w: order.index(w[0][0]))
+        (Run(experiment, method, seeds[experiment, method]), name, given)
+        for (experiment, name, method), given in sorted(
+            wanted.items(), key=lambda item: order.index(item[0][:2])
+        )
     ]

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 
 from hadr.experiments.conditions import (
-    IN_CONDITIONS,
-    WITH_HAND,
+    CONDITION_TABLES,
     conditions_of,
     finished_condition,
     measure_condition,
@@ -46,8 +45,10 @@ OFTEN = ("hadr", "no-hand")
 TABLE_RUNS: dict[str, Sequence[tuple[str, str]]] = {
     "ablation": [("known", method) for method in ABLATION.values()],
     "ledger": [*LEDGER.values(), ("by-frame", "hand-median")],
-    "keypoints": [("known", method) for method in WITH_HAND],
-    "segmentation": [("known", method) for method in IN_CONDITIONS],
+    **{
+        table: [(experiment, method) for method in methods]
+        for table, (experiment, _, methods) in CONDITION_TABLES.items()
+    },
 }
 """The runs that those result files need which are none of an experiment's."""
 REPRODUCED: tuple[str, ...] = (
@@ -150,16 +151,18 @@ def table_steps(bench: Bench, runs: Sequence[Run], times: Mapping[str, float]) -
         else:
             seconds = row.get("training_s", 0.0) + row["evaluation_s"]
         steps.append(Step("tables", run.name, words, seconds, f"{bench.out.name}/{run.name}/{ROW}"))
-    conditions: dict[str, list[Mapping[str, Any] | None]] = {}
+    conditions: dict[tuple[str, str], list[Mapping[str, Any] | None]] = {}
     for run, name, given in _conditions(bench, runs):
-        conditions.setdefault(name, []).append(finished_condition(bench, run, name, given))
-    for name, scores in conditions.items():
+        found = finished_condition(bench, run, name, given)
+        conditions.setdefault((run.experiment, name), []).append(found)
+    for (experiment, given_name), scores in conditions.items():
         there = [row["evaluation_s"] for row in scores if row is not None]
         left = len(scores) - len(there)
         words = left_text(left, len(scores), "score")
-        seconds = times.get(f"given {name}") if left else sum(there)
-        made = f"{bench.out.name}/known/*/*/given"
-        steps.append(Step("tables", f"given {name}", words, seconds, made))
+        name = f"given {given_name}" + f", {experiment}" * (experiment != "known")
+        seconds = times.get(name) if left else sum(there)
+        made = f"{bench.out.name}/{experiment}/*/*/given"
+        steps.append(Step("tables", name, words, seconds, made))
     return steps
 
 
@@ -175,8 +178,7 @@ def _conditions(bench: Bench, runs: Sequence[Run]) -> list[tuple[Run, str, Given
     """What the tables of conditions need of these runs; with another corruption, nothing."""
     if bench.corruption != "oracle":
         return []
-    seeds = {run.method: run.seed for run in reversed(runs) if run.experiment == "known"}
-    return conditions_of(seeds, bench)
+    return conditions_of(runs, bench)
 
 
 def measure_all(bench: Bench, runs: Sequence[Run], tables: str | Path, *, jobs: int = 1) -> None:

@@ -5,6 +5,8 @@
     ledger.json                  HADR with one switch of the ledger turned, and frames dealt out
     keypoints.json               true or predicted keypoints
     segmentation.json            true or predicted masks, and the simulated sensor's depth
+    ablation_predicted.json      the ablation, with predicted masks and keypoints
+    unknown_predicted.json       unknown objects, with what finders predict that never saw them
 
 A row is the mean over its seeds; how it was made stands in it: configuration, commit, versions,
 machine.
@@ -19,11 +21,8 @@ from typing import Any
 
 from hadr.experiments.averages import against, table_rows
 from hadr.experiments.conditions import (
-    IN_CONDITIONS,
-    WITH_HAND,
+    CONDITION_TABLES,
     condition_rows,
-    keypoints_given,
-    masks_given,
 )
 from hadr.experiments.protocol import EXPERIMENTS, Experiment
 from hadr.experiments.runner import Bench, Run
@@ -33,7 +32,7 @@ from hadr.models.networks import RIVALS
 from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
 
-FILES = ("known", "unknown", "ablation", "ledger", "keypoints", "segmentation")
+FILES = ("known", "unknown", "ablation", "ledger", *CONDITION_TABLES)
 """Names of the result files."""
 TABLES: tuple[Experiment, ...] = ("known", "unknown")
 """The experiments in which all methods are compared."""
@@ -64,10 +63,6 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
             found[split, method]["against_next"] = pair
     gaps = against(rows, "known", ABLATION["full"], holds.get("known"))
     oracle = bench.corruption == "oracle"
-    conditions = {
-        "keypoints": (keypoints_given(bench), WITH_HAND),
-        "segmentation": (masks_given(bench), IN_CONDITIONS),
-    }
     tables: dict[str, list[dict[str, Any]]] = {
         **{split: [found[split, m] for m in COMPARED if (split, m) in found] for split in TABLES},
         "ablation": [
@@ -77,8 +72,7 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
         ],
         "ledger": [{**found[key], "method": name} for name, key in LEDGER.items() if key in found],
         **{
-            name: condition_rows(bench, *those, holds.get("known")) if oracle else []
-            for name, those in conditions.items()
+            name: condition_rows(bench, name, holds) if oracle else [] for name in CONDITION_TABLES
         },
     }
     written = []
@@ -137,6 +131,10 @@ def _what(name: str, bench: Bench) -> str:
         "keypoints": "objects known from training, with true or predicted keypoints, true masks",
         "segmentation": "objects known from training, with true or predicted masks and keypoints, "
         "or with the simulated sensor's depth around the mask",
+        "ablation_predicted": "objects known from training, HADR with one part taken out, with "
+        "true or predicted masks and keypoints",
+        "unknown_predicted": "two objects that no network has seen in training, neither those that "
+        "restore depth nor those that predict masks and keypoints",
     }[name]
     return (
         f"Depth of the glass restored from one frame (preset {bench.size}): {frames}. "

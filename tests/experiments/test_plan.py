@@ -5,7 +5,7 @@ import pytest
 
 from hadr.data.samples import samples_dir
 from hadr.experiments.averages import table_rows
-from hadr.experiments.conditions import keypoints_given, masks_given
+from hadr.experiments.conditions import keypoints_given, masks_given, unknown_given
 from hadr.experiments.plan import (
     handover_steps,
     make_handover_table,
@@ -72,6 +72,7 @@ def test_every_system_has_every_preset_and_a_step(size, tmp_path):
     runs = plan(size=size)
     steps = table_steps(bench, runs, {"known/hadr/seed-0": 5.0, "given all true": 3.0})
     given = [f"given {n}" for n in {**masks_given(bench), **keypoints_given(bench)}]
+    assert not unknown_given(bench)  # the bundled finders have seen all objects
     if size == "imagenet":  # without a sensor; with its own finders, once there are both
         assert not any("sensor" in n for n in given)
         for kind in ("segmentation", "hand-keypoints"):
@@ -86,6 +87,23 @@ def test_every_system_has_every_preset_and_a_step(size, tmp_path):
     assert not any(step.is_done for step in steps)
     timed = {step.name: step.seconds for step in steps if step.seconds is not None}
     assert timed == {"known/hadr/seed-0": 5.0} | {name: 3.0 for name in given[:1]}
+
+
+def test_unknown_objects_are_scored_with_finders_that_never_saw_them(tmp_path):
+    bench = Bench([samples_dir() / "frames"], tmp_path, "imagenet")
+    homes = [tmp_path / "nets" / "unknown" / kind for kind in ("segmentation", "hand-keypoints")]
+    for home in homes:
+        assert not unknown_given(bench)
+        home.mkdir(parents=True)
+        (home / "last.safetensors").touch()
+    found = unknown_given(bench)["predicted mask and keypoints"]
+    assert [Path(found.masks).parent, Path(found.keypoints).parent] == homes
+    assert "checkpoints" in masks_given(bench)["predicted mask"].masks  # of known ones still these
+    runs = plan(["unknown/hadr", "unknown/raw", "known/no-hand"], seeds=[1], size="imagenet")
+    left = {step.name: step.left for step in table_steps(bench, runs, {}) if "given" in step.name}
+    unknown = {f"given {name}, unknown": "1 score" for name in unknown_given(bench)}
+    known = {f"given {name}": "1 score" for name in ("all true", "predicted mask and keypoints")}
+    assert left == known | unknown
 
 
 def test_seeds_are_averaged():

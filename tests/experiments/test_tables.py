@@ -14,6 +14,7 @@ from hadr.data.samples import samples_dir
 from hadr.experiments import runner
 from hadr.experiments.again import measure_again
 from hadr.experiments.conditions import (
+    BOTH,
     TRUE,
     condition_of,
     conditions_of,
@@ -58,8 +59,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, Path]:
 
 def test_each_file_has_its_rows(made: tuple[Bench, Path]) -> None:
     _, folder = made
-    found = {name: read_result_file(folder / f"{name}.json") for name in FILES if name != "unknown"}
-    assert not (folder / "unknown.json").exists()
+    strange = ("unknown", "unknown_predicted")
+    assert not any((folder / f"{name}.json").exists() for name in strange)
+    found = {n: read_result_file(folder / f"{n}.json") for n in FILES if n not in strange}
     assert [r["method"] for r in found["known"].rows] == ["hand-median", "hadr", "no-hand"]
     assert [r["method"] for r in found["ablation"].rows] == ["no-hand", "hand-2d", "full"]
     assert [r["method"] for r in found["ledger"].rows] == [
@@ -97,6 +99,11 @@ def test_each_file_has_its_rows(made: tuple[Bench, Path]) -> None:
     assert {r["given"] for r in masks.rows} == set(MASKS)
     assert masks.row(method="hadr", given=TRUE)["mask_iou"] == 1
     assert 0 < masks.row(method="hadr", given="predicted mask")["mask_iou"] < 1
+    parts = found["ablation_predicted"]
+    assert [(r["method"], r["given"]) for r in parts.rows] == [
+        (method, name) for method in ("no-hand", "hand-2d", "hadr") for name in (TRUE, BOTH)
+    ]
+    assert parts.row(method="hadr", given=BOTH) == masks.row(method="hadr", given=BOTH)
     sensor = masks.row(method="hadr", given="simulated sensor")
     assert (sensor["corruption"], sensor["masks"]) == ("sensor", "true")
 
@@ -123,7 +130,7 @@ def test_what_is_finished_is_not_made_again(
     assert steps["known/hadr/seed-0"].seconds == row["training_s"] + row["evaluation_s"]
     assert (bench.out.parent / steps["known/hadr/seed-0"].makes).is_file()
     assert steps["given predicted mask"].is_done
-    assert len(list(bench.out.parent.glob(steps["given predicted mask"].makes))) == 2
+    assert len(list(bench.out.parent.glob(steps["given predicted mask"].makes))) == 4
 
 
 def test_neighbours_of_the_papers_five_are_compared_frame_by_frame() -> None:
@@ -185,9 +192,10 @@ def test_conditions_are_measured_once_and_sealed(made: tuple[Bench, Path]) -> No
 
 
 def test_each_condition_is_listed_once() -> None:
-    seeds = {"hadr": 2, "dfnet": 0, "raw": 0}
-    assert {run.seed for run, _, _ in conditions_of(seeds, BENCH) if run.method == "hadr"} == {2}
-    listed = [(run.method, name) for run, name, _ in conditions_of(seeds, BENCH)]
+    pairs = (("hadr", 2), ("hadr", 3), ("dfnet", 0), ("raw", 0))
+    made = conditions_of([Run("known", method, seed) for method, seed in pairs], BENCH)
+    assert {run.seed for run, _, _ in made if run.method == "hadr"} == {2}
+    listed = [(run.method, name) for run, name, _ in made]
     assert len(listed) == len(set(listed))
     assert {name for method, name in listed if method == "hadr"} == {*KEYPOINTS, *MASKS}
     assert {name for method, name in listed if method == "dfnet"} == set(MASKS)
