@@ -40,15 +40,17 @@ SEEING: Mapping[str, Mapping[str, Any]] = {
     },
     "whole-picture": {"width": 128, "height": 72, "ray_stride": 2, "model": {"view": None}},
     "no-aggregation-thawed": {"model": {"aggregation": False, "lite": LiteConfig(frozen=0)}},
+    "no-augmentation": {"augment": False},
     "hand-xy": {"model": {"hand": "xy"}},
     "six-cells": {"model": {"grid": VoxelGrid(cells=6)}},
     "cells-from-zero": {"model": {"grid": VoxelGrid((-1.0, -1.0, 0.125), (1.0, 1.0, 2.125))}},
 }
 """What preset imagenet is without its weights, which learns at the full rate, for there is nothing
 to keep; without its window, with about as many rays of a frame as `mini`; without aggregation,
-which leaves the encoder one stage: its frozen one, so here nothing is frozen; with x and y of the
-keypoints in metres, the published code's 2D hand; with cells of 33 cm in place of 25; and with
-cells that begin at a depth of 0 m, not of -12.5 cm."""
+which leaves the encoder one stage: its frozen one, so here nothing is frozen; with the pictures'
+colours as they are (mirrored still); with x and y of the keypoints in metres, the published code's
+2D hand; with cells of 33 cm in place of 25; and with cells that begin at a depth of 0 m, not of
+-12.5 cm."""
 LONG_RUN = 4
 """How many times as many epochs a long run has."""
 LONGER: Mapping[str, tuple[str, int]] = {

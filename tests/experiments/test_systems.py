@@ -51,6 +51,7 @@ def test_preset_imagenet_is_measured_without_its_weights_and_without_its_window(
     lone, thawed = (recipe_of(n, "imagenet") for n in ("no-aggregation", "no-aggregation-thawed"))
     assert (lone.model.lite.frozen, thawed.model.lite.frozen) == (1, 0)
     assert replace(thawed, model=replace(thawed.model, lite=base.model.lite)) == lone
+    assert recipe_of("no-augmentation", "imagenet") == replace(base, augment=False)
     flat = recipe_of("hand-xy", "imagenet")
     assert (flat.model.hand, replace(flat.model, hand="3d")) == ("xy", base.model)
     coarse = recipe_of("six-cells", "imagenet").model

@@ -36,6 +36,7 @@ NAMES: dict[str, str] = {
     "no-point-fusion": "HADR without point fusion",
     "hand-2d": "HADR with the 2D hand feature",
     "hand-xy": "HADR with the hand's x and y in metres",
+    "no-augmentation": "HADR with colours that are never changed in training",
     "six-cells": "HADR with cells of 33 cm",
     "cells-from-zero": "HADR with cells from 0 m on",
     "random-encoder": "HADR, encoder from random weights",
