@@ -1,8 +1,9 @@
 """The same trained networks under other conditions: predicted masks, predicted keypoints, sensor.
 
 Nothing is trained here. A condition of a run is measured once and kept beside its row, as
-``OUT/known/hadr/seed-0/given/PREDICTED-MASK.json``; the bundled segmentation and keypoint networks
-predict, or OUT's own (`_finders`). What they find is given to all methods alike; the score is on the true mask's pixels.
+``OUT/known/hadr/seed-0/given/PREDICTED-MASK.json``. The bundled segmentation and keypoint networks
+predict, or OUT's own; what they find is given to all methods alike. The score is on the true mask's
+pixels.
 """
 
 from __future__ import annotations

@@ -71,9 +71,7 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
             if (key := ("known", method)) in found
         ],
         "ledger": [{**found[key], "method": name} for name, key in LEDGER.items() if key in found],
-        **{
-            name: condition_rows(bench, name, holds) if oracle else [] for name in CONDITION_TABLES
-        },
+        **{name: condition_rows(bench, name, holds) if oracle else [] for name in CONDITION_TABLES},
     }
     written = []
     origin = {**provenance(), "data": bench.data}
