@@ -41,6 +41,12 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{FOUND_RULES}}": found_rules,
     "{{CONDITIONS}}": lambda results: report.conditions_table(results / "mini"),
     "{{CONDITIONS_IMAGENET}}": lambda results: report.conditions_table(results / "imagenet"),
+    "{{CONDITIONS_UNKNOWN}}": lambda results: report.conditions_table(
+        results / "imagenet", "unknown_predicted"
+    ),
+    "{{CONDITIONS_ABLATION}}": lambda results: report.conditions_table(
+        results / "imagenet", "ablation_predicted"
+    ),
     "{{CONDITIONS_LONGER}}": lambda results: report.conditions_table(results / "longer"),
     "{{REAL}}": lambda results: report.real_table(results / "real" / "cleargrasp_d435.json"),
     "{{SWITCHES}}": lambda results: report.switches_table(results / "training" / "switches.json"),

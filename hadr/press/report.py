@@ -156,13 +156,14 @@ def real_table(path: str | Path) -> str:
     return markdown(pd.DataFrame(lines.values()))
 
 
-def conditions_table(folder: str | Path) -> str:
+def conditions_table(folder: str | Path, *names: str) -> str:
     """Each method's error under all conditions: true or predicted masks, keypoints, sensor.
 
-    From `keypoints.json` and `segmentation.json` of a folder, as Markdown: RMSE in centimetres and
-    its standard error over holds; "-" where a method has nothing of what is predicted.
+    From the files of these names in a folder, `segmentation` and `keypoints` where none is named,
+    as Markdown: RMSE in centimetres and its standard error over holds; "-" where a method has
+    nothing of what is predicted.
     """
-    rows = pd.DataFrame(read_result_files(folder, "segmentation", "keypoints").rows)
+    rows = pd.DataFrame(read_result_files(folder, *(names or ("segmentation", "keypoints"))).rows)
     rows["error"] = [rmse_cm(row) for _, row in rows.iterrows()]
     rows = rows.drop_duplicates(["method", "given"])
     table = rows.pivot(index="method", columns="given", values="error")
