@@ -78,7 +78,6 @@ LARGEST_LATENCY = 2.0
 
 
 ATTEMPT_CONFIG = HandoverConfig(
-    approach_speed=0.35,
     turn_speed=2.0,
     advance_speed=0.12,
     largest_drift=0.012,

@@ -174,7 +174,7 @@ def code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     ("file", "old", "new", "counts"),
     [
         ("handover/grasping/selection.py", "MOST_CHECKED = 25", "MOST_CHECKED = 26", True),
-        ("simulation/trials/trial.py", "approach_speed=0.35", "approach_speed=0.2", True),
+        ("simulation/trials/trial.py", "advance_speed=0.12", "advance_speed=0.11", True),
         ("simulation/world/judge.py", "GOAL_RADIUS, HOLD_TIME", "HOLD_TIME, GOAL_RADIUS", True),
         ("simulation/camera/sight.py", "KEYPOINT_NOISE = 0.004", "KEYPOINT_NOISE = 0.0", True),
         ("models/hadr.py", "import torch\n", "import torch as pytorch\n", True),

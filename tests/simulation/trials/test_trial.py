@@ -12,6 +12,7 @@ from hadr.camera import transform_points
 from hadr.handover.logs.replay import replay
 from hadr.handover.observation import Observation
 from hadr.handover.poses import camera_at
+from hadr.handover.simulated_ur5 import TOOL_SPEED
 from hadr.handover.stages import ChosenGrasp, Stage, Transition
 from hadr.records.result_file import digest
 from hadr.simulation.camera.sight import Fault, broken_sight, keypoint_uncertainty
@@ -40,6 +41,10 @@ def equal(one: WorldState, other: WorldState) -> bool:
 def timeless(run: Run) -> str:
     """The outcome but for wall-clock times; as text, because NaN differs from NaN."""
     return repr(replace(run.outcome, planning_wall_seconds=0.0, wall_seconds=0.0))
+
+
+def test_no_speed_is_asked_for_that_the_arm_does_not_have() -> None:
+    assert max(ATTEMPT_CONFIG.approach_speed, ATTEMPT_CONFIG.advance_speed) <= TOOL_SPEED
 
 
 def test_a_whole_attempt(whole: Run) -> None:
