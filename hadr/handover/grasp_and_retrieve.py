@@ -339,8 +339,9 @@ class Retrieval:
 
         The wait for the hand to let go begins anew.
         """
-        pull = safety.hand_pull(self.arm.wrench()[:3])
-        words = f"somebody pulls at the object with {pull:.1f} N" * (pull > safety.HAND_PULL)
+        self.arm.wrench()  # a sensor without a number halts it
+        pull = self.arm.pull()
+        words = f"somebody pulls at the object with {pull:.1f} N" * (pull > 0)
         words = words or self._in_tow()
         if not words:
             self._pulled_from = now

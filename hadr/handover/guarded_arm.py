@@ -83,6 +83,7 @@ class GuardedArm:
     _trail: list[Array] = field(default_factory=list, init=False)
     _singular: float = field(default=np.inf, init=False)
     _regular_at: float = field(default=-np.inf, init=False)
+    _pulls: dict[bool, bool] = field(default_factory=dict, init=False)
     _of: Reading | None = field(default=None, init=False)
     _links: dict[bytes, Array] = field(default_factory=dict, init=False)
     _known: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False)
@@ -235,9 +236,19 @@ class GuardedArm:
         What pushes the gripper along is no reason to stay.
         """
         way = goal[:3, 3] - self.reading.tool[:3, 3]
-        way /= max(float(np.linalg.norm(way)), 1e-9)
-        pull = safety.hand_pull(self.reading.wrench[:3], way)
-        return f"something holds the gripper back with {pull:.1f} N" * (pull > safety.HAND_PULL)
+        pull = self.pull(way / max(float(np.linalg.norm(way)), 1e-9))
+        return f"something holds the gripper back with {pull:.1f} N" * (pull > 0)
+
+    def pull(self, way: Array | None = None) -> float:
+        """How hard somebody pulls, newtons, see `safety.hand_pull`; 0 where nobody does.
+
+        Who pulls harder than `safety.HAND_PULL` pulls until it is `safety.PULLS_NO_MORE` or less:
+        the sensor's noise about one limit would say now one thing, now the other.
+        """
+        pull, on_way = safety.hand_pull(self.reading.wrench[:3], way), way is not None
+        least = safety.PULLS_NO_MORE if self._pulls.get(on_way) else safety.HAND_PULL
+        self._pulls[on_way] = pull > least
+        return pull if pull > least else 0.0
 
     def _gaps(self, path: Sequence[Array], width: float | None, hand: Array) -> Array:
         """What `free` is the least of: the space to each ball of the person, metres, (m,)."""

@@ -119,8 +119,7 @@ class Recovery:
     def _pulled(self) -> bool:
         """Whether a hand that is seen at the gripper pulls; one beside another link does not."""
         arm = self.arm
-        taken = arm.beside(arm.watch.keypoints) <= safety.AT_THE_GLASS
-        return taken and safety.hand_pull(arm.reading.wrench[:3]) > safety.HAND_PULL
+        return arm.pull() > 0 and arm.beside(arm.watch.keypoints) <= safety.AT_THE_GLASS
 
     def stay(self, now: float) -> None:
         """Back off no farther; stand and wait for the cause to go."""

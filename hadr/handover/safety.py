@@ -30,8 +30,9 @@ FARTHEST_HAND = 5.0
 """A keypoint farther from the camera than this, metres, belongs to no hand."""
 LARGEST_WEIGHT = 4.0
 """What the gripper carries pulls it down by no more, newtons: the heaviest glass weighs 3.6."""
-HAND_PULL = 3.0
-"""What pulls at the gripper harder is a person who holds the object, newtons."""
+HAND_PULL, PULLS_NO_MORE = 3.0, 2.0
+"""What pulls at the gripper harder is a person who holds the object, newtons, until it pulls no
+harder than the second."""
 PRESSED = 0.5
 """Fingers that press harder are around something, newtons."""
 AT_THE_GLASS = 0.05

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import cycle
 from types import SimpleNamespace
 
 import numpy as np
@@ -490,6 +491,16 @@ def test_a_gripper_that_hangs_at_what_it_draws_back_from_waits_and_stops(
     assert set(heard) == {words}
     assert len(heard) == pytest.approx(PULL_TIME / DT, abs=2)
     assert stop == f"{words}, back"
+
+
+def test_noise_about_the_limit_does_not_let_a_hooked_gripper_stand_for_good() -> None:
+    """6 N across are the limit: once it is passed, a tenth less is no end of the pull."""
+    robot, advance, start = advancing(FEELING, block=(0.030, 0.062, 0.11))
+    tool, noise = draw_back(robot, advance, start), cycle([0.1, -0.1])
+    robot.tool_wrench = lambda: np.append((6.0 + next(noise)) * tool[:3, 0], np.zeros(3))  # type: ignore[method-assign]
+    with pytest.raises(HaltError, match="something holds the gripper back"):
+        final_move(advance, start)
+    assert np.linalg.norm((robot.tool_pose() - tool)[:3, 3]) < 0.005
 
 
 @pytest.mark.parametrize("force", [[0.0, 0.0, 2.5], [0.0, 0.0, -6.0], [5.0, 0.0, -5.0]])

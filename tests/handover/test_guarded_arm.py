@@ -123,3 +123,16 @@ def test_the_arms_links_are_asked_for_at_every_pose_of_a_way(
     nearest = float(links_gaps(ur5.link_surfaces(there), person(arm.watch.keypoints)).min())
     assert nearest < arm.free() - 0.01
     assert arm.free(tool, raised, tool) == pytest.approx(nearest)
+
+
+@pytest.mark.parametrize("way", [None, np.array([1.0, 0.0, 0.0])], ids=["any", "on a way"])
+def test_who_pulls_pulls_until_it_is_clearly_less(way: np.ndarray | None) -> None:
+    """By hand: what is across a way counts by half. Noise about the limit changes nothing."""
+    robot = SimulatedUR5()
+    arm, felt = GuardedArm(robot, HandoverConfig(), HandWatch(np.eye(4))), []
+    for force in (2.9, 3.1, 2.9, 3.1, 2.1, 1.9, 2.9, float("nan"), 3.1, float("nan"), 2.9):
+        robot.wrench[1] = force if way is None else 2 * force
+        arm.read()
+        felt.append(arm.pull(way))
+        assert arm.pull(way) == felt[-1]  # asked twice in a step
+    assert felt == pytest.approx([0, 3.1, 2.9, 3.1, 2.1, 0, 0, 0, 3.1, 0, 0])
