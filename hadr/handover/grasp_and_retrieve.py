@@ -90,7 +90,7 @@ class Advance:
     def begin(self, feel: float = np.inf) -> None:
         """Start at the pre-grasp of a grasp whose way is free so far past its end, metres."""
         self._end, self._feel = self._planned, feel
-        self.travelled = self.aside = self._side = self._blocked = 0.0
+        self.travelled = self.aside = self._side = self._blocked = self._held = 0.0
         self.corrections, self._felt = 0, ""
         self._back_to: float | None = None
 
@@ -99,13 +99,21 @@ class Advance:
 
         The pre-grasp (4, 4) is given as it has moved with the hand, metres, base frame. HaltError
         where the hand is too near (on the way on or back), the object does not fit between the
-        fingers, or the sensor at the wrist gives no number.
+        fingers, something pulls at the gripper for long, or the wrist's sensor gives no number.
         """
         arm, c = self.arm, self.arm.config
         target = pre_grasp.copy()
         target[:3, 3] += self.aside * pre_grasp[:3, 0]
         if self.arm.watch.keypoints is None:  # neither on nor back nor shut beside an unseen hand
             arm.caution = self.arm.watch.problem
+            arm.hold(dt)
+            return None
+        # what presses against the approach is felt below
+        arm.caution = arm.held_back(forward_of(target, self.travelled - safety.LOOK_AHEAD))
+        self._held = self._held + dt if arm.caution else 0.0
+        if self._held > stages.PULL_TIME:
+            raise HaltError(arm.caution, back=True)
+        if arm.caution:
             arm.hold(dt)
             return None
         if self._back_to is not None:
@@ -207,13 +215,6 @@ class Advance:
         assert self._back_to is not None
         soon = forward_of(target, max(self._back_to, self.travelled - safety.LOOK_AHEAD))
         factor, most = 1.0, KEEPS_UP * c.advance_speed
-        arm.caution = arm.held_back(soon)
-        self._blocked = self._blocked + dt if arm.caution else 0.0
-        if self._blocked > stages.PULL_TIME:
-            raise HaltError(arm.caution, back=True)
-        if arm.caution:
-            arm.hold(dt)
-            return
         if arm.nearer(soon):
             factor = arm.allowed([soon], safety.GRASP_DISTANCE, most, usual=c.advance_speed)
         self.travelled = max(self._back_to, self.travelled - self._slow(factor) * dt)

@@ -503,6 +503,31 @@ def test_noise_about_the_limit_does_not_let_a_hooked_gripper_stand_for_good() ->
     assert np.linalg.norm((robot.tool_pose() - tool)[:3, 3]) < 0.005
 
 
+@pytest.mark.parametrize("part", ["advance", "feel"])
+@pytest.mark.parametrize(
+    ("force", "stands"), [([7.0, 0, 0], True), ([0, 0, 3.5], True), ([5.0, 0, 0], False)]
+)
+def test_on_its_way_in_it_pulls_at_nobody_from_the_side_either(
+    part: str, force: list[float], stands: bool
+) -> None:
+    """Half of what is across counts, and all that pulls the gripper on."""
+    robot, advance, start = advancing(FEELING)
+    while advance.part != part or advance.travelled < 0.05:
+        assert step(advance, start) is None
+    tool = robot.tool_pose()
+    robot.tool_wrench = lambda: np.append(tool[:3, :3] @ force, np.zeros(3))  # type: ignore[method-assign]
+    if not stands:
+        assert final_move(advance, start)[0][2, 3] > WAY
+        return
+    steps = round(PULL_TIME / DT) - 1
+    assert [step(advance, start) for _ in range(steps)] == steps * [None]
+    assert advance.arm.caution == "something holds the gripper back with 3.5 N"
+    assert np.linalg.norm((robot.tool_pose() - tool)[:3, 3]) < 0.005
+    with pytest.raises(HaltError, match="something holds the gripper back") as halt:
+        [step(advance, start) for _ in range(3)]
+    assert halt.value.back
+
+
 @pytest.mark.parametrize("force", [[0.0, 0.0, 2.5], [0.0, 0.0, -6.0], [5.0, 0.0, -5.0]])
 def test_a_light_pull_and_what_it_presses_on_let_it_draw_back(force: list[float]) -> None:
     way, heard, stop = drawn_back(np.array(force))
