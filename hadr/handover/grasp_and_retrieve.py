@@ -19,7 +19,6 @@ import numpy as np
 
 from hadr.camera import Array
 from hadr.handover import safety, stages
-from hadr.handover.grasping.collision import between_pads
 from hadr.handover.grasping.grasps import FEELING_STEP, forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError, too_near
 from hadr.handover.poses import pose_distance
@@ -39,6 +38,9 @@ ON_A_FINGER = 0.25
 
 SMALLEST_STEP = 0.3
 """A step aside of less than this part of the first is not made."""
+
+PINCHED = "a finger between the gripper's pads"
+"""What stops the fingers that close, and what they wait for once they are closed."""
 
 THINNEST = 0.001
 """Fingers that both press and are farther apart than this, metres, hold something."""
@@ -265,8 +267,8 @@ class Retrieval:
         """Go on for dt seconds; True once the object is home.
 
         HaltError where nothing is between the fingers, or a hand is, or none is seen while they
-        close; where somebody pulls at it for long, the hand is in the way, or the sensor at the
-        wrist gives no number.
+        close; where somebody pulls at it or has a finger in the grip for long, the hand is in the
+        way, or the sensor at the wrist gives no number.
         """
         arm, c = self.arm, self.arm.config
         if self.part == "close":
@@ -311,13 +313,13 @@ class Retrieval:
 
     def _check_hand(self, now: float) -> None:
         """HaltError where the hand is in the gripper that closes, or is not seen."""
-        arm, hand, reading = self.arm, self.arm.watch.keypoints, self.arm.reading
-        words, within = "", -arm.beside(hand)
+        arm = self.arm
+        words, within = "", -arm.beside(arm.watch.keypoints)
         unseen = arm.watch.trouble(now)
         if within > 2 * arm.config.human_uncertainty:  # it is around what the hand holds
             words = f"hand {1000 * within:.0f} mm within the gripper"
-        elif hand is not None and between_pads(reading.tool, reading.width, hand):
-            words = "a finger between the gripper's pads"
+        elif arm.pinching:
+            words = PINCHED
         if unseen or words:
             if not (unseen and arm.around_something):  # the fingers don't stop by themselves
                 arm.robot.set_gripper(self._open, stages.GENTLE_FORCE)
@@ -336,14 +338,14 @@ class Retrieval:
         return ""
 
     def _pulled(self, now: float) -> bool:
-        """Whether somebody pulls at the object, or goes along with it.
+        """Whether somebody pulls at the object, has a finger in the grip, or goes along with it.
 
         The wait for the hand to let go begins anew.
         """
         self.arm.wrench()  # a sensor without a number halts it
         pull = self.arm.pull()
         words = f"somebody pulls at the object with {pull:.1f} N" * (pull > 0)
-        words = words or self._in_tow()
+        words = words or PINCHED * self.arm.pinching or self._in_tow()
         if not words:
             self._pulled_from = now
             return False

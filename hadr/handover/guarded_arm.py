@@ -16,7 +16,7 @@ import numpy as np
 
 from hadr.camera import Array
 from hadr.handover import safety, ur5
-from hadr.handover.grasping.collision import hand_distance, hand_gaps
+from hadr.handover.grasping.collision import between_pads, hand_distance, hand_gaps
 from hadr.handover.observation import HandWatch
 from hadr.handover.poses import between, pose_distance, toward, turn_between
 from hadr.handover.robot import Robot
@@ -229,6 +229,12 @@ class GuardedArm:
         """Free space between the gripper alone and a hand's skin, metres; infinity without one."""
         tool, width = self.reading.tool, self.reading.width
         return np.inf if hand is None else hand_distance(tool, width, hand)
+
+    @property
+    def pinching(self) -> bool:
+        """Whether a bone of the hand that is seen is between the gripper's pads."""
+        hand, now = self.watch.keypoints, self.reading
+        return hand is not None and between_pads(now.tool, now.width, hand)
 
     def held_back(self, goal: Array) -> str:
         """Say that a way to a tool pose would drag a hand, harder than one may be; or nothing.

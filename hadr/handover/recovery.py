@@ -1,8 +1,8 @@
 """What the arm does after a stop, until it may start again.
 
 It stands; after a protective stop, until a person has released it. Fingers that are around
-something stay so, unless a hand that is seen at the gripper pulls at it all the while: they never
-drop it. Nor do empty ones open into a hand beside them.
+something stay so, unless a hand that is seen at the gripper pulls at it, or has a finger between
+the pads, all the while: they never drop it. Nor do empty ones open into a hand beside them.
 Else, beside the hand, they open and the arm backs off; from a hand that is then still too near it
 backs off farther. No way back brings it nearer to the hand, or drags what holds the gripper back.
 """
@@ -117,9 +117,10 @@ class Recovery:
                 self.stay(now)
 
     def _pulled(self) -> bool:
-        """Whether a hand that is seen at the gripper pulls; one beside another link does not."""
+        """Whether a hand at the gripper pulls or has a finger in the grip; no other one does."""
         arm = self.arm
-        return arm.pull() > 0 and arm.beside(arm.watch.keypoints) <= safety.AT_THE_GLASS
+        beside = arm.beside(arm.watch.keypoints) <= safety.AT_THE_GLASS
+        return arm.pinching or (arm.pull() > 0 and beside)
 
     def stay(self, now: float) -> None:
         """Back off no farther; stand and wait for the cause to go."""

@@ -460,6 +460,30 @@ def test_beside_an_unseen_hand_the_fingers_stop_to_close(between: float) -> None
     assert robot.gripper_width() > 0.05
 
 
+def test_a_finger_between_pads_that_have_closed_is_waited_for_and_stops_it() -> None:
+    """The pictures that show it are late; no glass is dropped for one of them that errs."""
+    robot, advance, start = advancing(PLAIN)
+    robot.between_fingers = 0.016
+    retrieval, heard = closing(robot, advance, start), []
+    assert retrieval.part == "let go"
+    put_hand(advance, start[:3, 3] + start[:3, :3] @ BETWEEN[0], start[:3, 1])
+    told, began = told_to(robot), retrieval._since
+
+    def wait() -> None:
+        for number in range(200):
+            advance.arm.read()
+            retrieval.step(began + number * DT, DT)
+            heard.append(advance.arm.caution)
+
+    with pytest.raises(HaltError, match="a finger between the gripper's pads") as halt:
+        wait()
+    assert halt.value.back
+    assert set(heard) == {"a finger between the gripper's pads"}
+    assert len(heard) == pytest.approx(PULL_TIME / DT, abs=3)
+    assert retrieval.part == "let go"
+    assert told == []
+
+
 def drawn_back(force: np.ndarray) -> tuple[float, list[str], str]:
     """How far a gripper comes out by itself while a force (3,), tool frame, is on it, metres.
 

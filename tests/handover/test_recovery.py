@@ -166,6 +166,15 @@ def test_only_a_hand_at_the_gripper_takes_what_it_holds(there: str, opens: bool)
     assert (holding(watched, seconds=2.0) > 0.08) is opens
 
 
+@pytest.mark.parametrize(("aside", "opens"), [(0.0, True), (0.12, False)])
+def test_a_finger_that_stays_between_the_pads_is_set_free(aside: float, opens: bool) -> None:
+    """Nobody pulls; a hand beside the gripper is no reason to open."""
+    watched = Watched(HoldingUR5())
+    tool = watched.arm.robot.tool_pose()
+    watched.hand = FAR_HAND - FAR_HAND[8] + tool[:3, 3] - 0.01 * tool[:3, 2] + aside * tool[:3, 0]
+    assert (holding(watched, seconds=2.0) > 0.08) is opens
+
+
 @pytest.mark.parametrize("alone", [True, False], ids=["alone", "with the hand"])
 @pytest.mark.parametrize("camera", ["sees none", "stands"])
 def test_fingers_around_a_glass_do_not_open_for_a_pull_where_no_hand_is_seen(
