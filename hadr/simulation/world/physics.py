@@ -1,8 +1,9 @@
 """The physical world of one handover: arm, hand and object under gravity, step by step.
 
 The hand follows its path like a hand on a spring, so that a push moves it instead of crushing it.
-It holds the object until both fingers have pressed on it for a tenth of a second, or until the hold
-is torn; then it opens and draws back (`hadr.simulation.world.letting_go`) and pushes what it meets.
+It holds the object until both fingers have pressed on it, from two sides, for a tenth of a second,
+or until the hold is torn; then it opens and draws back (`hadr.simulation.world.letting_go`) and
+pushes what it meets.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ _TURN_DAMPING = 2 * np.sqrt(HAND_TURN_STIFFNESS * HAND_INERTIA)
 HAND_STRENGTH, HAND_TORQUE = 12.0, 1.5
 """A hand that is pushed or twisted harder gives way, newtons and N m."""
 RELEASE_AFTER, RELEASE_FORCE = 0.1, 0.5
-"""The hand lets go once both fingers have pressed for so long, seconds, by so much, newtons."""
+"""The hand lets go once both fingers have pressed for so long, seconds, by so much, newtons, each
+against the other: a person keeps what they only push at from one side."""
 OPENS_IN = 0.3
 """So long, seconds, the fingers take to stretch after the hand has let go."""
 WITHDRAW_SPEED = 0.05
@@ -269,6 +271,7 @@ class World:
         """Sum up the forces on the hand, note who presses on the object, and let go in time."""
         on_hand, on_links, on_object, on_gripper = 0.0, 0.0, [0.0, 0.0], np.zeros(6)
         wrench, pads, through, of_object = np.zeros(6), [0.0, 0.0], np.zeros(3), np.zeros(3)
+        normal = np.zeros((2, 3))  # of each finger's force on the object, without friction
         contacts, tool = self._data.contact, self._data.site_xpos[self._tool]
         frames, places = contacts.frame, contacts.pos
         for index, (first, second) in enumerate(contacts.geom.tolist()):
@@ -292,7 +295,10 @@ class World:
             finger = self._fingers.get(first, self._fingers.get(second))
             if finger is not None:
                 pads[finger] += force
-                on_object[finger] += 0.0 if of_hand else force
+                if not of_hand:
+                    on_object[finger] += force
+                    sign = 1 if first in self._fingers else -1
+                    normal[finger] += sign * wrench[0] * frames[index].ravel()[:3]
             if of_hand:
                 on_hand += force
         self._largest_force = max(self._largest_force, on_hand)
@@ -308,7 +314,7 @@ class World:
         self.torn = pull > HOLD_FORCE or twist > HOLD_TORQUE
         if self.torn:
             self._let_go()
-        elif not all(pressing):
+        elif not (all(pressing) and normal[0] @ normal[1] < 0):
             self._pressing_since = None
         elif self._pressing_since is None:
             self._pressing_since = self.time

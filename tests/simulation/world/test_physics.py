@@ -129,6 +129,20 @@ def test_the_force_through_the_glass_is_what_the_hands_spring_bears(aside: float
         assert state.through_force == pytest.approx(borne, rel=0.01)
 
 
+def test_the_hand_keeps_what_both_fingers_push_at_from_one_side() -> None:
+    """Fingers 2 cm apart meet the front of a tumbler that is four times as wide."""
+    scene = held_scene("0000", 925)
+    world, grasp = World(scene), upper_part(scene)
+    world.robot.set_gripper(0.02, 7.0)
+    drive(world, forward_of(grasp, -0.1), 2.5)
+    ahead = -0.1
+    while drive(world, forward_of(grasp, ahead), 0.02)[-1].holder != "both":
+        ahead += 0.002
+        assert ahead < 0.05
+    states = drive(world, forward_of(grasp, ahead + 0.01), 0.6)
+    assert {state.holder for state in states[-15:]} == {"both"}
+
+
 @pytest.fixture(scope="module")
 def handed_over() -> tuple[World, list[WorldState], np.ndarray]:
     """A tumbler taken at its upper part, 20 degrees beside the way from the robot to it."""
