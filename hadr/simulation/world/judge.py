@@ -24,8 +24,9 @@ GOAL: Array = np.array([0.34, 0.12, 0.38])
 """Where the object is to be carried, base frame, metres: the tool's waiting place."""
 GOAL_RADIUS, HOLD_TIME = 0.15, 0.1
 """How near its middle must come, metres, and how long it must stay there, seconds."""
-DROP_TIME = 0.1
-"""With nobody holding it for longer, seconds, the object is dropped."""
+FALLEN = 0.05
+"""An object that nobody holds is dropped once it is so far below where it was held last, metres:
+until then it may lean in the open hand."""
 
 
 @dataclass
@@ -48,7 +49,7 @@ class Judge:
     largest_force: float = field(default=0.0, init=False)
     smallest_distance: float = field(default=float("inf"), init=False)
     _at_goal_since: float | None = field(default=None, init=False)
-    _unheld_since: float | None = field(default=None, init=False)
+    _held_at: float = field(default=float("nan"), init=False)
 
     def look(self, state: WorldState) -> Verdict:
         """Take one more state into account, in the order of time, and say what is decided."""
@@ -59,12 +60,13 @@ class Judge:
         middle = state.base_from_object[:3, 3] + state.base_from_object[:3, 2] * self.height / 2
         near = float(np.linalg.norm(middle - GOAL)) <= GOAL_RADIUS
         self._at_goal_since = _since(self._at_goal_since, near and state.holder == "gripper", now)
-        self._unheld_since = _since(self._unheld_since, state.holder == "nobody", now)
+        if state.holder != "nobody":
+            self._held_at = middle[2]
         if self.verdict:
             return self.verdict
         if state.hand_force > 0:
             self._decide("human contact", now)
-        elif _lasted(self._unheld_since, now, DROP_TIME):
+        elif self._held_at - middle[2] > FALLEN:
             self._decide("drop", now)
         elif _lasted(self._at_goal_since, now, HOLD_TIME):
             self._decide("success", now)

@@ -54,10 +54,15 @@ def test_any_force_on_the_hand_is_human_contact():
     assert (judge.verdict, judge.decided_at) == ("human contact", 1.02)
 
 
-def test_an_object_that_nobody_holds_is_dropped():
-    judge = judged(state(1.0, holder="nobody"), state(1.08, holder="nobody"))
+def test_an_object_that_nobody_holds_is_dropped_once_it_has_fallen():
+    def at(time, height, holder="nobody"):
+        return state(time, (0.62, 0.0, height), holder)
+
+    leans = [at(1.0, 0.3, "gripper"), *(at(1.02 + 0.1 * k, 0.251) for k in range(5))]
+    judge = judged(at(0.0, 0.5, "hand"), *leans)  # lowered by who held it
     assert judge.verdict == ""
-    assert judge.look(state(1.1, holder="nobody")) == "drop"
+    assert judge.look(at(1.6, 0.249)) == "drop"
+    assert judged(*leans, at(1.6, 0.251, "gripper"), at(1.7, 0.202)).verdict == ""
 
 
 def test_after_13_seconds_time_is_out():
