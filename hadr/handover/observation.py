@@ -111,8 +111,9 @@ class HandWatch:
     After `DATED_BY` such pictures in a row with one lag, over `safety.CAMERA_SILENT_AFTER`, all are
     dated anew. No clock tells how late they are; it is assumed, as late as before: the one that
     lags least is as old as the oldest of the last that were believed, when those came. What is only
-    too old is never believed, whether late or by a jump while no picture came. Who sleeps and then
-    reads a queue of old pictures cannot be told from a clock that jumped: give the newest.
+    too old is never believed, whether late or by a jump while no picture came: `blind` names it,
+    for a person. Who sleeps and then reads a queue of old pictures cannot be told from a clock that
+    jumped: give the newest.
 
     Attributes:
         base_from_camera: The camera's calibration, shape (4, 4), metres.
@@ -259,6 +260,8 @@ class HandWatch:
             words = f"the camera stopped: no new picture for {silent:.2f} s"
             if self._lags:
                 words += f", its clock jumped by {max(self._ages) - min(self._lags):+.2f} s"
+            elif self._latest > self.frame_time:
+                words += f", what comes is {now - self._latest:.2f} s old, or its clock is off"
             return words
         if self._equal >= safety.FROZEN_FRAMES:
             return f"keypoints frozen: the same in {self._equal} pictures in a row"

@@ -178,6 +178,19 @@ def test_a_clock_that_jumped_is_told_from_pictures_that_are_late(
     assert sum(anew[-5:]) == anew[-1] == believed
 
 
+def test_pictures_that_stay_too_old_are_not_believed_but_named() -> None:
+    """They are late, or the clock went back while none came: no number tells which."""
+    watch, words = HandWatch(np.eye(4)), "the camera stopped: no new picture for "
+    for time in np.arange(10) / 10:
+        watch.look(Observation(time, noisy(0), frame_time=time - 0.1), time)
+    assert watch.blind(2.9) == words + "2.00 s"
+    for time in LATE + 1.0:
+        assert not watch.look(Observation(time, noisy(0), frame_time=time - 1.6), time)
+    assert watch.blind(5.9) == words + "5.00 s, what comes is 1.60 s old, or its clock is off"
+    assert watch.look(Observation(6.0, noisy(0), frame_time=5.9), 6.0)  # set right
+    assert watch.blind(6.3) == words + "0.30 s"
+
+
 def test_no_picture_is_taken_for_younger_than_those_before_the_jump() -> None:
     watch = HandWatch(np.eye(4))
     for k, age in enumerate([0.3, 0.06, 0.1, 0.08, 0.06, 0.06]):
