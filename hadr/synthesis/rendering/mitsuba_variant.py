@@ -11,12 +11,15 @@ import importlib.util
 import os
 import platform
 import re
+import signal
+import subprocess
+import sys
 from contextlib import nullcontext
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from hadr.frame_io import quiet
-from hadr.synthesis.rendering.child_process import call_in_child
 
 LLVM, SCALAR = "llvm_ad_rgb", "scalar_rgb"
 #: Name of the environment variable that chooses the variant, and spares ``llvm_ad_rgb`` the trial.
@@ -88,16 +91,43 @@ def _check_name(variant: str, name: str = "variant") -> None:
 def why_not_llvm() -> str:
     """Why ``llvm_ad_rgb`` can't draw on this machine; empty where it can.
 
-    :func:`hadr.synthesis.rendering.trial_picture.draw_trial` says it, in a child process.
+    :mod:`hadr.synthesis.rendering.trial_picture` says it, in a process that may end of it.
     """
-    from hadr.synthesis.rendering.trial_picture import draw_trial  # which draws by what is here
-
-    llvm = {VARIANT_VARIABLE: LLVM}
+    # This package is found behind what the user names, and before other installations of it. An
+    # empty name, such as OpenCV leaves behind, would stand for the current folder.
+    home = str(Path(__file__).resolve().parents[3])
+    folders = {
+        name: os.pathsep.join(filter(None, [*os.environ.get(name, "").split(os.pathsep), last]))
+        for name, last in (("PYTHONPATH", home), ("LD_LIBRARY_PATH", ""))
+    }
     try:
-        why = call_in_child(llvm_problem, timeout=PATIENCE)
-        return why or call_in_child(draw_trial, timeout=PATIENCE, environment=llvm)
-    except Exception as error:
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "hadr.synthesis.rendering.trial_picture"],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=PATIENCE,
+            check=False,
+            env={**os.environ, **folders, VARIANT_VARIABLE: LLVM},
+        )
+    except subprocess.TimeoutExpired:
+        return f"a small picture can't be drawn, it took longer than {PATIENCE:g} s"
+    except OSError as error:
         return f"a small picture can't be drawn, {error}"
+    if done.returncode or not done.stdout:
+        why = _cause_of_death(done.returncode, done.stderr)
+        return f"a small picture can't be drawn, its process was ended {why}"
+    return done.stdout.strip()
+
+
+def _cause_of_death(status: int, errors: str) -> str:
+    """How a process ended, with the telling line of what it wrote."""
+    lines = [line.strip() for line in errors.splitlines() if line.strip()]
+    if status >= 0:  # a traceback's last line
+        said, ended = lines[-1:], f"with status {status}"
+    else:  # before it died a library complained, at length
+        said, ended = lines[:1], f"by {signal.Signals(-status).name}"
+    return ended + "".join(f" ({line[:160]})" for line in said)
 
 
 def llvm_problem() -> str:

@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import platform
+import re
 import subprocess
 import sys
 
@@ -29,6 +30,7 @@ def set_variant(wanted):
 
 def render(scene, integrator, spp, seed):
     assert drjit.thread_count() == 1
+    print("what a library prints is no answer")
     drawn.append(seed)
     if len(drawn) > int(os.environ["PICTURES"]):
         os.abort()
@@ -105,6 +107,26 @@ def test_an_old_library_is_not_used_at_all(stand_in, version):
     assert chosen.mitsuba_variant() == SCALAR
 
 
+@pytest.mark.parametrize(
+    ("end", "said"),
+    [
+        ("os._exit(0)", "with status 0"),
+        ("raise ImportError('a part is missing')", r"with status 1 \(.*a part is missing\)"),
+    ],
+)
+def test_a_library_that_ends_the_process_early_is_not_used(stand_in, tmp_path, end, said):
+    (tmp_path / "stand-in" / "drjit.py").write_text(f"import os\n{end}\n")
+    assert re.search(f"can't be drawn, its process was ended {said}", chosen.why_not_llvm())
+
+
+def test_the_trial_imports_nothing_from_the_current_folder(stand_in, tmp_path):
+    (tmp_path / "numpy.py").write_text("import os; os.abort()")
+    stand_in.chdir(tmp_path)
+    stand_in.setenv("PYTHONPATH", os.pathsep + os.environ["PYTHONPATH"])
+    stand_in.setenv("LD_LIBRARY_PATH", os.pathsep)  # OpenCV leaves such a one
+    assert chosen.why_not_llvm() == ""
+
+
 def test_without_a_library_the_scalar_variant_draws(unasked, monkeypatch):
     pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/nowhere/libLLVM.so")
@@ -137,17 +159,15 @@ def test_the_environment_chooses_without_a_trial(unasked, monkeypatch):
 def test_a_process_tries_once_and_a_late_answer_is_none(unasked, monkeypatch):
     asked = []
 
-    def call(function, **options):
-        asked.append(function.__name__)
-        if function.__name__ == "draw_trial":
-            raise TimeoutError("late")
-        return ""
+    def run(command, timeout, **options):
+        asked.append(command[-1])
+        raise subprocess.TimeoutExpired(command, timeout)
 
-    monkeypatch.setattr(chosen, "call_in_child", call)
+    monkeypatch.setattr(chosen.subprocess, "run", run)
     for _ in range(2):
-        assert chosen.why_not_llvm() == "a small picture can't be drawn, late"
+        assert chosen.why_not_llvm() == "a small picture can't be drawn, it took longer than 120 s"
     assert chosen.mitsuba_variant() == SCALAR
-    assert asked == ["llvm_problem", "draw_trial"]
+    assert asked == ["hadr.synthesis.rendering.trial_picture"]
 
 
 def test_what_is_too_old_is_refused_to_everybody(unasked, monkeypatch):
