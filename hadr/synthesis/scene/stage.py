@@ -22,17 +22,11 @@ class Stage:
     """
 
     photographs: tuple[Path, ...] = ()
-    parts: list[Surface] = field(default_factory=list)
-    uvs: list[Array] = field(default_factory=list)
-    numbers: list[int] = field(default_factory=list)
-    repeats: list[float] = field(default_factory=list)
+    parts: list[tuple[Surface, Array, int, float]] = field(default_factory=list)
 
     def add(self, surface: Surface, uv: Array, number: int, repeat: float) -> None:
         """Put up a surface; ``repeat`` is the height of its texture, metres."""
-        self.parts.append(surface)
-        self.uvs.append(uv)
-        self.numbers.append(number)
-        self.repeats.append(repeat)
+        self.parts.append((surface, uv, number, repeat))
 
     def aspect(self, number: int) -> float:
         """Width of a texture over its height."""
@@ -118,8 +112,9 @@ class Stage:
 
     def surroundings(self) -> Surroundings:
         """All of it as one."""
-        counts = [len(part.faces) for part in self.parts]
-        numbers = np.repeat(np.asarray(self.numbers, dtype=np.int64), counts)
-        repeats, tint = np.repeat(np.asarray(self.repeats), counts), np.ones((sum(counts), 3))
-        surface, uv = merged(self.parts), np.concatenate(self.uvs)
-        return Surroundings(surface, uv, numbers, tint, repeats, self.photographs)
+        surfaces, uvs, numbers, repeats = zip(*self.parts, strict=True)
+        counts = [len(surface.faces) for surface in surfaces]
+        texture = np.repeat(np.asarray(numbers, dtype=np.int64), counts)
+        repeat, tint = np.repeat(np.asarray(repeats), counts), np.ones((sum(counts), 3))
+        uv = np.concatenate(uvs)
+        return Surroundings(merged(surfaces), uv, texture, tint, repeat, self.photographs)
