@@ -31,6 +31,7 @@ from depth_camera import read_real
 from hadr.camera import Intrinsics, back_project, unproject, valid_depth
 from hadr.camera_file import load_intrinsics
 from hadr.data.samples import open_samples, samples_dir
+from hadr.figures.tables.results import NAMES
 from hadr.frame_io import read_color
 from hadr.metrics import frame_metrics
 from hadr.records.provenance import provenance
@@ -176,10 +177,11 @@ def measure(
             "glasses": len(glasses(mask)),
             "networks": {},
         }
-        for network in networks:
+        for path, network in zip(checkpoints, networks, strict=True):
             found = with_hands(network, color, raw, mask, camera, hands)
             scores = [score(depth, raw, truth, mask) for depth, _ in found]
-            title = network.title + " of the handover" * ("handover" in network.name)
+            title = NAMES.get(path.parents[1].name, network.title)  # OUT/known/hadr/seed-0/last
+            title += " of the handover" * ("handover" in network.name)
             name = f"{title}, stand-in hand"
             rows.append({"method": name, "scene": scene, **mean_row(scores)})
             few = hands[:3]
