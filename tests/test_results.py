@@ -182,8 +182,9 @@ def test_rows_of_the_mini_tables_hang_together(name: str) -> None:
 
 def test_the_tables_have_every_method() -> None:
     mini = RESULTS / "mini"
+    kept = [name for name in FILES if name not in ("ablation_predicted", "unknown_predicted")]
     found = {name: {row["method"] for row in read_result_file(mini / f"{name}.json").rows}
-             for name in FILES}  # fmt: skip
+             for name in kept}  # fmt: skip
     made = set(METHODS) - {"hand-offset"}  # which is younger than the frames of mini
     assert found["known"] == made
     assert found["unknown"] == made - set(KNOWN_ALONE)
