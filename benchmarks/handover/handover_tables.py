@@ -4,8 +4,10 @@
     python benchmarks/handover/handover_tables.py --out RUNS --jobs 2 --only seeds --seeds 5
     python benchmarks/handover/handover_tables.py --out RUNS --write --results FOLDER
 
-What is finished in RUNS is not made again, so it can be stopped at any time. A file is written when
-all of its attempts are there; `--write` makes none, and sums up what is there of this code.
+What is finished in RUNS is not made again, so it can be stopped at any time; nor what `--kept` has,
+a small file of the rows of attempts, to which those of RUNS are added at the end: another machine
+goes on from it. A result file is written when all of its attempts are there; `--write` makes none,
+and sums up what is there of this code.
 
     handover.json           48 attempts of each condition, seed 0
     handover_seeds.json     more seeds of some conditions, pooled
@@ -14,10 +16,11 @@ all of its attempts are there; `--write` makes none, and sums up what is there o
 """
 
 import argparse
+import gzip
+import json
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,10 +28,10 @@ from hadr.experiments.plan import REPRODUCED
 from hadr.figures.tables.handover import WORSE
 from hadr.records.output_folder import make_output_folder
 from hadr.records.provenance import provenance
-from hadr.records.result_file import write_result_file
-from hadr.records.writing import sole_owner
+from hadr.records.result_file import digest, unchanged, write_result_file
+from hadr.records.writing import sole_owner, write_whole
 from hadr.simulation.trials import TRIAL_HOLDS
-from hadr.simulation.trials.experiment import attempts, finished_attempt, is_finished, run_attempts
+from hadr.simulation.trials.experiment import attempts, is_finished, read_row, run_attempts
 from hadr.simulation.trials.summary import condition_row
 from hadr.simulation.trials.trial import Trial
 
@@ -82,8 +85,34 @@ class Part(NamedTuple):
         return [(out, trial) for out, trials in self.made for trial in trials]
 
 
-def parts(out: Path, file: str, seeds: int) -> Iterator[Part]:
+class Rows:
+    """The rows of finished attempts of this code: those of a folder, and those of a kept file."""
+
+    def __init__(self, out: Path, kept: Path | None) -> None:
+        """Read the kept file, which may still be to be written."""
+        self.out, self.kept = out, kept
+        self._kept: dict[str, dict[str, Any]] = {}
+        if kept is not None and kept.is_file():
+            found = map(json.loads, gzip.decompress(kept.read_bytes()).splitlines())
+            self._kept = {row["config_sha256"]: row for row in found if unchanged(row)}
+
+    def of(self, folder: Path, trial: Trial) -> dict[str, Any] | None:
+        """An attempt's row, wherever it is; None where it is still to be made."""
+        sha = digest(trial.record)
+        if sha not in self._kept and is_finished(folder, trial):
+            self._kept[sha] = read_row(folder / trial.condition / f"{trial.name}.json")
+        return self._kept.get(sha)
+
+    def keep(self) -> None:
+        """Write all rows that were asked for, and those that the file had, in one order."""
+        if self.kept is not None:
+            lines = sorted(json.dumps(row) for row in self._kept.values())
+            write_whole(self.kept, gzip.compress("\n".join(lines).encode(), mtime=0))
+
+
+def parts(rows: Rows, file: str, seeds: int) -> Iterator[Part]:
     """The rows of a file, in the order in which they are made; of at most so many seeds."""
+    out = rows.out
     if file == "handover":
         for condition in REPRODUCED:
             yield Part(condition, [(out / "seed-0", attempts(condition))], {})
@@ -97,7 +126,9 @@ def parts(out: Path, file: str, seeds: int) -> Iterator[Part]:
                 yield Part(condition, [(out / name, trials)], told)
     elif file == "patience":
         for condition in PATIENT:
-            made = [attempt for s in range(min(2, seeds)) for attempt in patient(out, condition, s)]
+            made = [
+                attempt for s in range(min(2, seeds)) for attempt in patient(rows, condition, s)
+            ]
             yield Part(condition, made, {"time_limit": PATIENCE})
     else:
         for condition, most in SEEDS.items():
@@ -107,15 +138,16 @@ def parts(out: Path, file: str, seeds: int) -> Iterator[Part]:
             )
 
 
-def patient(out: Path, condition: str, seed: int) -> Iterator[tuple[Path, list[Trial]]]:
+def patient(rows: Rows, condition: str, seed: int) -> Iterator[tuple[Path, list[Trial]]]:
     """The attempts of a seed with more time: what ended before the clock ended it is taken over."""
     for trial in attempts(condition, seed=seed):
-        made = out / f"seed-{seed}", trial
-        if is_finished(*made) and finished_attempt(*made)[0]["verdict"] != "time-out":
-            yield made[0], [trial]
+        folder = rows.out / f"seed-{seed}"
+        row = rows.of(folder, trial)
+        if row is not None and row["verdict"] != "time-out":
+            yield folder, [trial]
         else:
             more = replace(trial, time_limit=PATIENCE)
-            yield out / f"time_limit-{PATIENCE:g}-seed-{seed}", [more]
+            yield rows.out / f"time_limit-{PATIENCE:g}-seed-{seed}", [more]
 
 
 def say(trial: Trial, row: dict[str, Any]) -> None:
@@ -131,29 +163,30 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10, help="at most so many")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--write", action="store_true", help="sum up what is there; make none")
+    parser.add_argument("--kept", type=Path, help="rows of attempts, such as of another machine")
     parser.add_argument("--results", type=Path, default=Path("results/mini"))
     args = parser.parse_args()
     make_output_folder(args.out)
+    rows = Rows(args.out, args.kept)
     with nullcontext() if args.write else sole_owner(args.out, "the handover's tables"):
         for file in [args.only] if args.only else TITLES:
-            rows, missing, wanted = [], 0, list(parts(args.out, file, args.seeds))
+            wanted = list(parts(rows, file, args.seeds))
+            asked = [a for part in wanted for a in part.attempts if rows.of(*a) is None]
             if not args.write:  # in one go: what a process has prepared serves all conditions
-                asked = [attempt for part in wanted for attempt in part.attempts]
                 trials, outs = [trial for _, trial in asked], [out for out, _ in asked]
-                made = iter(run_attempts(trials, outs, jobs=args.jobs, report=say))
+                run_attempts(trials, outs, jobs=args.jobs, report=say)
+            summed, missing = [], 0
             for part in wanted:
-                if args.write:
-                    found = [finished_attempt(*a)[0] for a in part.attempts if is_finished(*a)]
-                else:
-                    found = list(islice(made, len(part.attempts)))
+                found = [row for a in part.attempts if (row := rows.of(*a)) is not None]
                 missing += len(part.attempts) - len(found)
                 if found:
-                    rows.append(condition_row(part.condition, found) | part.changed)
+                    summed.append(condition_row(part.condition, found) | part.changed)
+            rows.keep()
             what = f"{TITLES[file]}; {RULES}; success by HandoverSim's rules"
             if missing:
                 what += f"; {missing} attempts are still to be made"
             name = "handover.json" if file == "handover" else f"handover_{file}.json"
-            write_result_file(args.results / name, what, rows, provenance())
+            write_result_file(args.results / name, what, summed, provenance())
             print(args.results / name, f"{missing} missing" if missing else "")
 
 

@@ -1,5 +1,6 @@
 """`benchmarks/handover/handover_tables.py`: what it plans, and what it does with some of it."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -20,18 +21,19 @@ def tables(load_benchmark: Callable[[str], ModuleType]) -> ModuleType:
 
 def test_attempts_that_differ_have_files_of_their_own(tables: ModuleType, tmp_path: Path) -> None:
     seen: dict[Path, Trial] = {}
+    nothing = tables.Rows(tmp_path, None)
     for file in tables.TITLES:
-        for part in tables.parts(tmp_path, file, 10):
+        for part in tables.parts(nothing, file, 10):
             for out, trials in part.made:
                 for trial in trials:
                     path = out / trial.condition / trial.name
                     assert seen.setdefault(path, trial) == trial, path
-    main = list(tables.parts(tmp_path, "handover", 10))
+    main = list(tables.parts(nothing, "handover", 10))
     assert [part.condition for part in main] == list(REPRODUCED)
     assert {len(trials) for part in main for _, trials in part.made} == {48}
-    pooled = {p.condition: len(p.made) for p in tables.parts(tmp_path, "seeds", 3)}
+    pooled = {p.condition: len(p.made) for p in tables.parts(nothing, "seeds", 3)}
     assert (pooled["perfect"], pooled["hadr-networks"]) == (3, 1)
-    for part in tables.parts(tmp_path, "worse", 10):
+    for part in tables.parts(nothing, "worse", 10):
         assert set(part.changed) == {*WORSE, "restless", "time_limit"}
 
 
@@ -46,7 +48,8 @@ def test_what_is_there_is_summed_up_and_what_is_missing_is_said(
     monkeypatch.setattr(tables, "REPRODUCED", ("raw", "perfect"))
     runs, results = tmp_path / "runs", tmp_path / "results"
     run_attempts(few("perfect")[:1], runs / "seed-0")
-    words = ["", "--out", str(runs), "--only", "handover", "--results", str(results)]
+    kept = ["--kept", str(tmp_path / "attempts.gz")]
+    words = ["", "--out", str(runs), "--only", "handover", "--results", str(results), *kept]
     monkeypatch.setattr("sys.argv", [*words, "--write"])
     tables.main()
     file = read_result_file(results / "handover.json")
@@ -58,14 +61,23 @@ def test_what_is_there_is_summed_up_and_what_is_missing_is_said(
     assert [row["attempts"] for row in file.rows] == [2, 2]
     assert "still" not in file.what
 
+    # another machine, which has the kept rows alone, has nothing left to make
+    shutil.rmtree(runs)
+    asked: list[list[Trial]] = []
+    monkeypatch.setattr(tables, "run_attempts", lambda trials, *_, **__: asked.append(trials))
+    tables.main()
+    assert asked == [[]]
+    assert read_result_file(results / "handover.json").rows == file.rows
+
 
 def test_more_time_is_given_only_to_what_the_clock_ended(
     tables: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ends = {"0000-900": "success", "0000-901": "time-out"}  # the others are still to be made
-    monkeypatch.setattr(tables, "is_finished", lambda _, trial: trial.name in ends)
-    monkeypatch.setattr(tables, "finished_attempt", lambda _, t: ({"verdict": ends[t.name]},))
-    asked = tables.patient(tmp_path, "perfect", 0)
+    rows = tables.Rows(tmp_path, None)
+    found = {name: {"verdict": verdict} for name, verdict in ends.items()}
+    monkeypatch.setattr(rows, "of", lambda _, trial: found.get(trial.name))
+    asked = tables.patient(rows, "perfect", 0)
     made = {trial.name: (out.name, trial.time_limit) for out, (trial,) in asked}
     assert len(made) == 48
     assert made["0000-900"] == ("seed-0", 13.0)
