@@ -20,6 +20,7 @@ import numpy as np
 from hadr.camera import Array
 from hadr.handover import safety, stages
 from hadr.handover.grasping.grasps import FEELING_STEP, forward_of
+from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.guarded_arm import GuardedArm, HaltError, too_near
 from hadr.handover.poses import pose_distance
 
@@ -256,7 +257,8 @@ class Retrieval:
 
     def begin(self, now: float, pose: Array) -> None:
         """Tell the fingers to close at a tool pose (4, 4), as far as the object lets them."""
-        self._pose, self._travelled, self._open = pose, 0.0, self.arm.reading.width
+        self._pose, self._travelled = pose, 0.0
+        self._open = min(self.arm.reading.width, LARGEST_OPENING)  # what is measured may be more
         self.arm.alone = self.arm.closed = False
         self._check_hand(now)
         self.arm.robot.set_gripper(0.0, stages.GENTLE_FORCE)

@@ -13,6 +13,7 @@ import pytest
 
 from hadr.handover.grasp_and_retrieve import BLOCKED_TIME, DRAW_BACK, Advance, Retrieval
 from hadr.handover.grasping.grasps import forward_of
+from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import PULL_TIME, HandoverConfig
@@ -388,15 +389,20 @@ def test_fingers_that_are_stuck_hold_nothing(monkeypatch: pytest.MonkeyPatch) ->
         closing(robot, advance, start)
 
 
-def test_fingers_do_not_close_around_a_hand_in_the_palm() -> None:
+@pytest.mark.parametrize("over", [0.0, 4e-4], ids=["", "measured as wider than they open"])
+def test_fingers_do_not_close_around_a_hand_in_the_palm(
+    over: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its 20 mm of flesh reach from beside the palm 21 mm into it, its forearm points away."""
     robot, advance, start = advancing(PLAIN)
+    monkeypatch.setattr(robot, "gripper_width", lambda: LARGEST_OPENING + over)
+    advance.arm.read()
     robot.between_fingers = 0.06
     put_hand(advance, start[:3, 3] + start[:3, :3] @ [0.0, 0.031, -0.1], start[:3, 1])
     told = told_to(robot)
     with pytest.raises(HaltError, match="hand 21 mm within the gripper"):
         closing(robot, advance, start)
-    assert told == [robot.gripper_width()]  # nothing has told them to close
+    assert told == [LARGEST_OPENING]  # nothing has told them to close
 
 
 BETWEEN = [(0.0, 0.0, -0.012), (0.012, 0.006, -0.025), (-0.01, -0.006, -0.02)]
