@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import math
 import re
@@ -28,7 +29,13 @@ from hadr.models.network_input import frame_to_input
 from hadr.models.networks import DEPTH_NETWORKS, RIVALS
 from hadr.models.window import WindowConfig, lay_windows, seen_through
 from hadr.press.report import DEFAULT, ledger_effects
-from hadr.records.result_file import digest, read_result_file, read_result_files, read_sealed
+from hadr.records.result_file import (
+    digest,
+    read_result_file,
+    read_result_files,
+    read_sealed,
+    unchanged,
+)
 from hadr.simulation.camera.sight import keypoint_uncertainty
 from hadr.simulation.trials.summary import hold_of
 from hadr.synthesis.glass.objects import OBJECTS
@@ -584,6 +591,14 @@ def test_with_predictions_the_order_turns_as_the_ledger_says() -> None:
 def test_result_files_are_as_they_were_written(path: Path) -> None:
     if path.name != "paper_tables.json":  # typed from the paper, pinned in test_paper_tables
         read_sealed(path)  # raises where a number was changed by hand
+
+
+def test_kept_attempts_are_unchanged_and_each_is_there_once() -> None:
+    kept = gzip.decompress((RESULTS / "mini" / "handover_attempts.gz").read_bytes())
+    rows = [json.loads(line) for line in kept.splitlines()]
+    assert all(unchanged(row) for row in rows)
+    assert len({row["config_sha256"] for row in rows}) == len(rows) >= 800
+    assert len({json.dumps(row["trial"]) for row in rows}) == len(rows)  # of one code
 
 
 def test_chapter_6_says_of_each_network_that_misses_what_lies_within_its_reach() -> None:
