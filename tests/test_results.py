@@ -667,9 +667,17 @@ def test_readme_and_chapter_13_say_what_the_attempts_say() -> None:
     )
     won = {name: row["successes"] for name, row in first.items()}
     assert f"not tell HADR, {won['hadr']} glasses, from the sensor, {won['raw']}" in chapter
-    networks = f"[{won['hadr-plus-networks']} of the first 48](results/mini/handover.json) succeed"
-    assert networks in readme
-    assert f"HADR-plus's depth ({won['hadr-plus']} otherwise)" in readme
+    won |= {name: row["successes"] for name, row in of.items() if name.endswith("-networks")}
+    found = {
+        name: (won[f"{name}-networks"], won[name])
+        for name in ("hadr-plus", "unet-hand", "hadr", "raw")
+    }
+    assert (
+        "of the [first 48](results/mini/handover.json) {} succeed with HADR-plus's depth ({} "
+        "otherwise), {} with the U-Net's ({}), {} with HADR's ({}) and {} with the sensor's ({})"
+    ).format(*(n for pair in found.values() for n in pair)) in readme
+    touched = [of[k]["failures"].get("human contact", 0) for k in ("perfect", "raw", *found)]
+    assert f"touched a hand in up to {max(touched)} of {tried} attempts" in readme
     pairs = (("perfect", "hadr-plus"), ("perfect", "unet-hand"), ("unet-hand", "hadr-plus"),
              ("unet-hand", "hadr"), ("hadr-plus", "hadr"), ("hadr", "raw"),
              ("raw", "inpainted"))  # fmt: skip
