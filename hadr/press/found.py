@@ -123,7 +123,7 @@ def _depth_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
                 f"HADR {rmse_cm(ours)} cm, LIDF refined {rmse_cm(refined)}, its first stage "
                 f"{first:.2f}",
                 UNTESTED, COMPARISON, name,
-                "HADR was not refined here, and LIDF gains nothing by its second stage.",
+                "HADR was not refined here.",
             )  # fmt: skip
         yield Claim(
             f"the published error on {split} objects", f"HADR's RMSE is {own:.1f} cm.", "table I",
