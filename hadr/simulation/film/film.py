@@ -192,7 +192,7 @@ def _write_mp4(path: Path, frames: Iterable[Picture], rate: float) -> None:
             pixelformat="yuv420p",
             macro_block_size=2,
             quality=None,
-            output_params=["-crf", "23", "-movflags", "+faststart"],
+            output_params=["-crf", "26", "-movflags", "+faststart"],
             ffmpeg_log_level="error",
         )
     except ImportError as error:
