@@ -38,6 +38,7 @@ from hadr.records.result_file import (
 )
 from hadr.simulation.camera.sight import keypoint_uncertainty
 from hadr.simulation.trials.summary import hold_of
+from hadr.simulation.world.hand_motions import kind_for
 from hadr.synthesis.glass.objects import OBJECTS
 from hadr.training.presets import preset
 
@@ -675,7 +676,12 @@ def test_readme_and_chapter_13_say_what_the_attempts_say() -> None:
         of[k]["failures"].get("human contact", 0)
         for k in ("perfect", "hadr-plus", "unet-hand", "hadr", "raw")
     ]
-    assert f"touched a hand in up to {max(touched)} of {tried} attempts" in readme
+    assert (
+        f"touched a hand in up to {max(touched)} of {tried} attempts, and in 4 of 48 where"
+        in readme
+    )
+    for name in ("perfect-networks", "hadr-plus-networks"):
+        assert of[name]["failures"]["human contact"] == 4
     pairs = (("perfect", "hadr-plus"), ("perfect", "unet-hand"), ("unet-hand", "hadr-plus"),
              ("unet-hand", "hadr"), ("hadr-plus", "hadr"), ("hadr", "raw"),
              ("raw", "inpainted"))  # fmt: skip
@@ -683,13 +689,11 @@ def test_readme_and_chapter_13_say_what_the_attempts_say() -> None:
     assert all(chances[[1, 2]] > 0.2)  # "cannot be told", "nor the U-Net's from perfect depth"
     assert all(chances[[0, 3, 4, 5, 6]] < 0.05)  # "better depth is worth more"
     assert (
-        f"{percent(of['hadr-plus'])} with HADR-plus's, which errs least in chapter 9, and "
+        f"{percent(of['hadr-plus'])} with HADR-plus's, which errs least on known glasses in "
+        "chapter 9, and "
         f"{percent(of['unet-hand'])} with that of **a plain U-Net**" in chapter
     )
-    alone = false_discovery_control([paired(first[a], first[b])[2] for a, b in pairs])
-    words = f"(p = {paired(first['hadr'], first['raw'])[2]:.3f}, corrected {alone[5]:.2f})"
-    assert words in chapter
-    assert alone[5] > 0.05
+    assert f"(p = {paired(first['hadr'], first['raw'])[2]:.3f})" in chapter
     doubts = []
     for name, paper in (("hadr", 34), ("raw", 5)):
         won, made = of[name]["successes"], of[name]["attempts"]
@@ -846,7 +850,12 @@ def test_chapter_13_says_how_hard_the_hand_is_touched() -> None:
         sorted(force for way, force in forces if way.startswith(kind))
         for kind in ("touch", "through")
     )
-    assert f"A touch came to {touch[-1]:.0f} N at most." in chapter
+    words = "In this table a touch came to {:.0f} N at most; without following to {:.0f} N, and "
+    words += "with a hand that never rests to {:.0f} N."
+    worse = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
+    others = (of["hadr-no-tracking"]["largest_force_n"],
+              max(row["largest_force_n"] for row in worse if row["restless"]))  # fmt: skip
+    assert words.format(touch[-1], *others) in chapter
     assert f"with up to {through[-1]:.0f} N in Grasp & Retrieve, just below the limit" in chapter
     hard = {name: row["largest_force_n"] for name, row in of.items() if row["largest_force_n"] > 20}
     assert not hard  # "below our limit of 20 N in all attempts of the tables"
@@ -859,10 +868,8 @@ def test_chapter_13_says_how_hard_the_hand_is_touched() -> None:
     counts = [sum(side) for side in zip(*touches, strict=True)]
     assert counts[1] == 0
     chance = binomtest(counts[0], counts[0]).pvalue
-    words = (
-        "touched in {} of {} attempts, in the same scenes by the simulator in none (p = {:.3f})."
-    )
-    assert words.format(counts[0], len(touches), chance) in chapter
+    words = "and in {} of {} where networks find it (in the same scenes by the simulator in none, "
+    assert f"{words.format(counts[0], len(touches))}p = {chance:.3f});" in chapter
     record = json.loads(
         (ROOT / "data_samples/checkpoints/hand-keypoints-handover.json").read_text("utf-8")
     )
@@ -1093,22 +1100,26 @@ def test_chapter_13_says_what_a_restless_hand_costs() -> None:
     rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
     restless = {row["condition"]: row for row in rows if row["restless"]}
     perfect = restless["perfect"]
-    for name, counts, chance in (
-        ("hadr", (17, 9, 10, 2), "0.04"),
-        ("hadr-plus", (22, 15, 11, 4), "0.12"),
-    ):
-        follows, stays = restless[name], restless[f"{name}-no-tracking"]
-        ahead, behind, doubt = paired(follows, stays)
-        assert (follows["successes"], stays["successes"], ahead, behind) == counts
-        assert f"{doubt:.2f}" == chance
+    never = {
+        name: sum(row["by_motion"][kind][0] for kind in ("drift", "swing", "turn"))
+        for name, row in restless.items()
+    }
+    assert (never["hadr"], never["hadr-no-tracking"]) == (8, 2)
+    assert (never["hadr-plus"], never["hadr-plus-no-tracking"]) == (6, 5)
+    won = [restless[name]["successes"] for name in ("hadr-plus", "hadr-plus-no-tracking")]
+    assert won == [22, 15]
     assert perfect["successes"] == 20
     assert sum(perfect["by_motion"][kind][0] for kind in ("drift", "swing", "turn")) == 6  # of 24
     assert perfect["incidents"]["the glass was torn out of the hand"] == [1, 9]
-    elsewhere = [
-        sum(restless[name]["by_motion"][kind][0] for kind in ("step-aside", "give-and-withdraw"))
-        for name in ("hadr-plus", "hadr-plus-no-tracking")
+    touched = [
+        name
+        for row in restless.values()
+        for name, verdict in row["verdicts"].items()
+        if verdict == "human contact"
+        and kind_for(*(part if n == 0 else int(part) for n, part in enumerate(name.split("-"))))
+        in ("drift", "swing", "turn")
     ]
-    assert elsewhere == [11, 4]
+    assert f"touched in {len(touched)} of {5 * 24} (first making)" in page_text(CHAPTER_13)
 
 
 def test_chapter_13_says_what_a_hand_that_turns_costs() -> None:
@@ -1122,7 +1133,14 @@ def test_chapter_13_says_what_a_hand_that_turns_costs() -> None:
     alone = [paired(*pair)[:2] for pair in pairs]
     ahead, behind = (sum(counts) for counts in zip(*alone, strict=True))
     assert (ahead, behind) == (31, 16)
-    assert round(binomtest(ahead, ahead + behind).pvalue, 2) == 0.04
+    together = [
+        {"condition": name, "verdicts": {
+            f"{hold_of(one)}-{turn}-{one}": verdict
+            for turn, row in enumerate(rows) for one, verdict in row["verdicts"].items()
+        }}
+        for name, rows in zip(("follows", "stays"), zip(*pairs, strict=True), strict=True)
+    ]  # fmt: skip
+    assert f"{paired(*together)[2]:.2f}" == "0.07"
     follows, stays = (row["incidents"] for row in pairs[2])
     assert stays["the hand was in the way"][1] == 23
     assert stays["nothing was between the fingers"][1] == 17
