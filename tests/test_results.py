@@ -7,7 +7,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -711,6 +711,17 @@ def test_chapter_13_says_how_far_off_the_glass_is() -> None:
     assert min(networks, key=lambda name: of[name]["within_2_cm"]) == "hadr"  # "misses most often"
 
 
+def made_again(makings: Iterable[Mapping[str, str]]) -> dict[str, Any]:
+    """Verdicts of the same attempts, made several times, as a row for `paired`: hold by hold."""
+    return {
+        "verdicts": {
+            f"{hold_of(name)}-{making}-{name}": verdict
+            for making, verdicts in enumerate(makings)
+            for name, verdict in verdicts.items()
+        }
+    }
+
+
 def test_chapter_13_says_what_came_out_again() -> None:
     """The same attempts, made once with each of five codes."""
     before = read_result_file(RESULTS / "mini" / "handover_before.json").rows
@@ -739,17 +750,7 @@ def test_chapter_13_says_what_came_out_again() -> None:
     assert [order[0] for order in restored].count("hadr") == 4  # "last of the restored but once"
     best = [order[-1] for order in restored]  # "after the second", "after each other one"
     assert best == ["unet-hand", "hadr-plus", *["unet-hand"] * 3]
-    pooled = {  # hold by hold
-        name: {
-            "condition": name,
-            "verdicts": {
-                f"{hold_of(one)}-{making}-{one}": ends[one]
-                for making, ends in enumerate(five)
-                for one in attempts
-            },
-        }
-        for name, five in made.items()
-    }
+    pooled = {name: made_again(five) for name, five in made.items()}
     pairs = (
         ("unet-hand", "hadr"), ("perfect", "hadr-plus"), ("unet-hand", "hadr-plus"),
         ("hadr-plus", "hadr"),
@@ -968,10 +969,10 @@ def test_chapter_9_says_how_fast_hadr_plus_is_beside_the_fastest_rival() -> None
     said += "fastest of the five, takes {:.1f}."
     assert said.format(*words) in page_text("notebooks/text/09_comparison.md")
     of = {row["method"]: row["wall_min_ms"] for row in rows if row["preset"] == "imagenet"}
-    said = (
-        "take {:.0f} and {:.0f} ms a frame, HADR's small network {:.0f}, DFNet {:.0f}, SwinDRNet "
+    said = "take {:.0f} and {:.0f} ms a frame, HADR's small network {:.0f}, DFNet {:.0f}, "
+    said += (
+        "SwinDRNet {:.0f}, LIDF {:.0f}; only TODE-Trans is quicker than all of them, with {:.0f}."
     )
-    said += "{:.0f}, LIDF {:.0f}; only TODE-Trans is quicker than all of them, with {:.0f}."
     names = ("hadr-plus", "unet-hand", "hadr", "dfnet", "swindrnet", "lidf", "tode")
     said = said.format(*(of[name] for name in names))
     assert said in page_text("notebooks/text/09_comparison.md")
@@ -1100,26 +1101,21 @@ def test_chapter_13_says_what_a_restless_hand_costs() -> None:
     rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
     restless = {row["condition"]: row for row in rows if row["restless"]}
     perfect = restless["perfect"]
-    never = {
-        name: sum(row["by_motion"][kind][0] for kind in ("drift", "swing", "turn"))
-        for name, row in restless.items()
-    }
+    moving = ("drift", "swing", "turn")
+    never = {n: sum(row["by_motion"][kind][0] for kind in moving) for n, row in restless.items()}
     assert (never["hadr"], never["hadr-no-tracking"]) == (8, 2)
     assert (never["hadr-plus"], never["hadr-plus-no-tracking"]) == (6, 5)
     won = [restless[name]["successes"] for name in ("hadr-plus", "hadr-plus-no-tracking")]
     assert won == [22, 15]
     assert perfect["successes"] == 20
-    assert sum(perfect["by_motion"][kind][0] for kind in ("drift", "swing", "turn")) == 6  # of 24
+    assert never["perfect"] == 6  # of 24
     assert perfect["incidents"]["the glass was torn out of the hand"] == [1, 9]
-    touched = [
-        name
-        for row in restless.values()
-        for name, verdict in row["verdicts"].items()
-        if verdict == "human contact"
-        and kind_for(*(part if n == 0 else int(part) for n, part in enumerate(name.split("-"))))
-        in ("drift", "swing", "turn")
-    ]
-    assert f"touched in {len(touched)} of {5 * 24} (first making)" in page_text(CHAPTER_13)
+    touched = 0
+    for row in restless.values():
+        for name, verdict in row["verdicts"].items():
+            object_id, hold = name.split("-")  # all of seed 0
+            touched += verdict == "human contact" and kind_for(object_id, int(hold)) in moving
+    assert f"touched in {touched} of {5 * 24} (first making)" in page_text(CHAPTER_13)
 
 
 def test_chapter_13_says_what_a_hand_that_turns_costs() -> None:
@@ -1133,14 +1129,10 @@ def test_chapter_13_says_what_a_hand_that_turns_costs() -> None:
     alone = [paired(*pair)[:2] for pair in pairs]
     ahead, behind = (sum(counts) for counts in zip(*alone, strict=True))
     assert (ahead, behind) == (31, 16)
-    together = [
-        {"condition": name, "verdicts": {
-            f"{hold_of(one)}-{turn}-{one}": verdict
-            for turn, row in enumerate(rows) for one, verdict in row["verdicts"].items()
-        }}
-        for name, rows in zip(("follows", "stays"), zip(*pairs, strict=True), strict=True)
-    ]  # fmt: skip
-    assert f"{paired(*together)[2]:.2f}" == "0.07"
+    follows, stays = (
+        made_again(row["verdicts"] for row in side) for side in zip(*pairs, strict=True)
+    )
+    assert f"{paired(follows, stays)[2]:.2f}" == "0.07"
     follows, stays = (row["incidents"] for row in pairs[2])
     assert stays["the hand was in the way"][1] == 23
     assert stays["nothing was between the fingers"][1] == 17

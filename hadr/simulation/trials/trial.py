@@ -67,8 +67,8 @@ CODE = (
 PLANNING_TIME = 0.16
 """Seconds of the simulated world that a search for a grasp takes; the arm stands meanwhile. It is
 the measured mean of 27 searches with perfect depth, in processor time on one busy core, in ten
-scenes of which none is the experiment's; but a constant, so that an attempt ends in the same way on
-every machine."""
+scenes of which none is the experiment's; but a constant, so that a slower machine does not end an
+attempt otherwise."""
 CONTROL_STEP = 0.02
 """Seconds between two steps of the workflow."""
 SLOWEST_PICTURES = 0.1
