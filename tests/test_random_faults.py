@@ -47,6 +47,42 @@ def test_an_arm_that_jumps_or_speeds_is_found(judge) -> None:
     assert set(judge.unsafe(moments(HOME_JOINTS + speed, FAR), [], SKIN)) == {"tool speed, m/s"}
 
 
+def test_a_joint_too_fast_or_too_far_and_a_tool_in_the_table_are_found(judge) -> None:
+    wrist = np.arange(20)[:, None] * [0, 0, 0, 0, 0, 1.0]  # the tool's point lies on its axis
+    found = judge.unsafe(moments(HOME_JOINTS + 0.11 * wrist, FAR), [], SKIN)
+    assert found == {"joint speed, rad/s": pytest.approx(3.3)}
+    around = HOME_JOINTS + 0.001 * wrist + [0, 0, 0, 0, 0, 2 * np.pi - HOME_JOINTS[5]]
+    found = judge.unsafe(moments(around, FAR), [], SKIN)
+    assert found == {"joint angle, rad": pytest.approx(2 * np.pi + 0.019)}
+    still = moments(HOME_JOINTS + 0 * wrist, FAR)
+    for m in still:
+        m.tool[2, 3] = -0.01
+    assert judge.unsafe(still, [], SKIN) == {"tool below the table, m": pytest.approx(0.01)}
+
+
+@pytest.mark.parametrize("holder", ["gripper", "hand"])
+def test_fingers_open_with_what_they_alone_hold_only_at_a_hand(judge, holder) -> None:
+    def opened(skin_at: np.ndarray) -> dict[str, float]:
+        still = moments(np.tile(HOME_JOINTS, (4, 1)), skin_at)
+        return judge.unsafe(
+            [
+                replace(m, holder=holder, gripper_width=0.03 + 0.005 * k)
+                for k, m in enumerate(still)
+            ],
+            [], SKIN,
+        )  # fmt: skip
+
+    tool = SimulatedUR5().tool_pose_at(HOME_JOINTS)
+    ahead = [transform_points(tool, np.array([[0.0, 0.0, z]]))[0] for z in (0.04, 0.10)]
+    assert opened(ahead[0]) == {}
+    found = opened(ahead[1])
+    if holder == "gripper":
+        assert 0.08 < found["opened with no hand there, m"] < 0.11
+        assert set(opened(FAR)) == set(found)
+    else:
+        assert found == {}
+
+
 def test_an_arm_that_goes_into_the_skin_is_found_and_a_hand_that_comes_is_not(judge) -> None:
     turning = HOME_JOINTS + 0.004 * np.arange(20)[:, None] * [1, 0, 0, 0, 0, 0]
     tool = SimulatedUR5().tool_pose_at(turning[-1])
@@ -79,3 +115,6 @@ def test_what_came_before_a_driver_s_error_is_judged(judge, monkeypatch) -> None
     assert row["faults"] == ["driver fails"]
     assert row["raised"]
     assert judged[0] > 30  # it fails after seconds
+    assert row["unsafe"] == {}
+    monkeypatch.setattr(judge.BrokenUR5, "stop", lambda _: None)
+    assert judge.run(9)["unsafe"] == {"not stopped after the driver's error": 1.0}

@@ -263,7 +263,7 @@ def unsafe(moments: list[Moment], unseen: list[bool], skin: Array) -> dict[str, 
         blind_for = blind_for + DT if k < len(unseen) and unseen[k] else 0.0
         toward = toward if blind_for > BLIND_AFTER else 0.0
         if before.holder == "gripper" and now.gripper_width > before.gripper_width + 1e-6:
-            away = depth_in(now, transform_points(now.base_from_wrist, skin))
+            away = depth_in(now, transform_points(now.base_from_wrist, skin), 2 * TAKES)
             if away > TAKES:
                 found["opened with no hand there, m"] = away
         moved = now.stage.value != "Grasp & Retrieve" or now.holder != "gripper"
@@ -283,12 +283,14 @@ def unsafe(moments: list[Moment], unseen: list[bool], skin: Array) -> dict[str, 
     return found
 
 
-def depth_in(moment: Moment, points: Array) -> float:
-    """Free space of arm and gripper as they are drawn to points (n, 3), metres; minus: inside."""
+def depth_in(moment: Moment, points: Array, least: float = FAR) -> float:
+    """Free space of arm and gripper as they are drawn to points (n, 3), metres; minus: inside.
+
+    Where it is larger than `least`, that.
+    """
     frames = ur5.BASE_LINK_FROM_DH_BASE @ ur5.joint_frames(moment.joints)
     near = [(frame, faces) for frame, faces in zip(frames[1:], links(), strict=True)]
     near.append((moment.tool, gripper(round(moment.gripper_width, 3))))
-    least = FAR
     for frame, solids in near:
         own = transform_points(np.linalg.inv(frame), points)
         lowest, highest = (np.stack([box[i] for box in solids]) for i in (1, 2))
