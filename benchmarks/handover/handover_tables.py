@@ -54,7 +54,7 @@ CHANGED: list[tuple[dict[str, Any], list[str], int]] = [
     ),
     ({"restless": True},
      ["perfect", "hadr-plus", "hadr-plus-no-tracking", "hadr", "hadr-no-tracking",
-      "unet-hand", "raw", "inpainted", "hadr-plus-no-rescoring", "hadr-no-rescoring"], 6),
+      "unet-hand", "raw", "hadr-plus-no-rescoring"], 6),
     *(
         ({"turn_degrees": angle}, ["perfect", "hadr-plus", "hadr-plus-no-tracking"], 6)
         for angle in (20.0, 40.0, 60.0)

@@ -270,7 +270,7 @@ def limits_list(frames: TransHand, found: FrameStatistics, logs: list[dict]) -> 
             f"{100 * (light < 0.2).mean():.0f} % less than 0.2; median {middle:.2f}, 10 % "
             f"{low:.2f}, 90 % {high:.2f}. Results on dark skin rest on few frames.",
             f"- Views favour glass that is little covered: hand and arm leave a median of "
-            f"{np.median(free):.1f} % of its outline free, and more than 90 % in "
+            f"{np.median(free):.1f} % of its silhouette free, and more than 90 % in "
             f"{100 * (free > 90).mean():.0f} % of the frames, unlike in TransHand-14K's published "
             f"pictures, where hands cover more of it.",
             f"- Large flat fields: in {100 * (flat > 0.25).mean():.0f} % of the pictures more than "
