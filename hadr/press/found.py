@@ -285,7 +285,7 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
         )
         if other == "hadr-no-tracking":
             moving = f"{follows['successes']} of {follows['attempts']}"
-            remark += f" Of hands that never rest, with an older guard, {moving}, "
+            remark += f" Of hands that never rest {moving}, "
             remark += f"without following {stays['successes']}."
         yield Claim(
             short, words, place, f"{won} of {count} attempts, {label} {lost}",
