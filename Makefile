@@ -7,6 +7,10 @@
 #   OLDEST=DIR          the environment of `make test-oldest` (default: .venv-oldest)
 #   WORKERS=2           processes that run tests at the same time
 #   JOBS=1              trainings, attempts or chapters of `make reproduce` at the same time
+#   PRESET=tiny         size of networks and data, of book, tables and reproduce
+#   SEED=0              the seed of chapters and attempts, of book and reproduce
+#   DATA=DIR            frames from `hadr generate`, of tables and reproduce at another preset than tiny
+#   OUT=DIR             where tables and reproduce write (default: the build folder)
 #   PIP_FLAGS=...       more options for pip, such as another index for PyTorch's wheels
 
 PYTHON    ?= python3
@@ -49,12 +53,12 @@ help: ## what can be made
 book: $(READY) ## execute all notebooks and build the HTML book
 	@$(PY) -m hadr.cli book --build "$(BUILD)" --preset $(PRESET) --seed $(SEED)
 
-tables: $(READY) ## train and compare all systems at PRESET (mini and paper: DATA=DIR)
+tables: $(READY) ## train and compare all systems at PRESET (all but tiny: DATA=DIR)
 	@$(BIN)/hadr reproduce --preset $(PRESET) --only tables --out "$(OUT)" \
 	    $(if $(DATA),--data $(DATA))
 
 reproduce: $(READY) ## tables, handover and chapters at PRESET; prints the plan first and goes on where it was stopped
-	@$(BIN)/hadr reproduce --preset $(PRESET) --out "$(OUT)" \
+	@$(BIN)/hadr reproduce --preset $(PRESET) --seed $(SEED) --out "$(OUT)" \
 	    --jobs $(JOBS) $(if $(DATA),--data $(DATA))
 
 html: $(READY) ## rebuild the HTML book from the notebooks executed last time

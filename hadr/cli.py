@@ -47,7 +47,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "reproduce": (
         "hadr.press.reproduce",
-        "execute the chapters and report beside the paper's tables",
+        "make the tables, the handover's attempts and the chapters anew",
     ),
     "book": ("hadr.press.book_command", "execute the chapters and build the HTML book"),
     "course": ("hadr.press.course.command", "write student notebooks, solutions and slides"),

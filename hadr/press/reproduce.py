@@ -37,9 +37,9 @@ EPILOG = """
 examples
   The plan, what of it is done, and how long the last run took:
     hadr reproduce --out build --dry-run
-  Everything at the book's size, on your frames beside the bundled ones:
-    hadr reproduce --preset mini --data frames data_samples/frames \\
-        --out build/mini
+  The tables of chapter 9; frames: hadr generate --preset mini
+  --no-sensor --frames 3000 --out frames
+    hadr reproduce --preset imagenet --data frames --out build/imagenet
   One row of a table; one row of a result file once more:
     hadr reproduce --only known/hadr --out build
     hadr reproduce --again results/mini/known.json hadr --preset mini \\
@@ -73,9 +73,9 @@ class Options:
     dry_run: bool = False
     """Print the plan with what is done, and stop."""
     data: Annotated[tuple[Path, ...], FOLDER] = ()
-    """Data for the tables, from `hadr generate --preset mini`; tiny takes the bundled samples."""
+    """Data for the tables, from `hadr generate`; tiny takes the bundled samples."""
     seeds: tuple[int, ...] | None = None
-    """Seeds of the trainings; unset: 0, but 0 1 2 where larger ones ask what a hand is worth."""
+    """Seeds of the trainings; unset: 0, and 0 1 2 for HADR and no-hand on unknown objects."""
     jobs: int = 1
     """Trainings, attempts or chapters at a time; trainings of several have one thread each."""
     accelerator: Accelerator = "auto"
@@ -83,7 +83,7 @@ class Options:
     again: Annotated[tuple[str, str] | None, tyro.conf.arg(metavar="FILE METHOD")] = None
     """Result file and method: run that row once more as it is recorded there, and compare."""
     corruption: Corruption = "oracle"
-    """Depth inside the glass."""
+    """How the depth is corrupted, inside the glass and around it."""
     keep_trained: bool = False
     """Score finished trainings of other code too, and train only what is missing."""
 

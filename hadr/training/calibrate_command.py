@@ -35,7 +35,7 @@ examples
   hadr calibrate runs/plus/last.safetensors data_samples/frames frames
   The frames of an object that was held out of the training measure it:
     hadr calibrate runs/plus/last.safetensors data_samples/frames \\
-        --test-objects 0010 --out confidence.json
+        --test-objects 0004 0007 --out confidence.json
 
 exit status
   0 done   1 the disk is full   2 unusable checkpoint or data, or a wrong call"""

@@ -31,8 +31,9 @@ what is written into OUT
 examples
   Some minutes on the bundled frames:
     hadr train --preset tiny --out runs/tiny
-  The network of the book, on your frames beside the bundled ones:
-    hadr train --preset mini --data data_samples/frames frames --out runs/mini
+  HADR of the book's tables; frames: hadr generate --preset mini
+  --no-sensor --frames 3000 --out frames
+    hadr train --preset imagenet --data frames --out runs/hadr
   Go on after it was stopped:
     hadr train --preset tiny --out runs/tiny --resume
 

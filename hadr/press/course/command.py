@@ -52,7 +52,7 @@ class Options:
     only: Annotated[tuple[str, ...], CHAPTER] = ()
     """Only these chapters, such as `3 4`."""
     preset: Literal["tiny", "mini", "paper"] = "tiny"
-    """The notebooks' parameter of this name."""
+    """The notebooks' parameter of this name: how much chapter 6 trains."""
     seed: int = 0
     """The notebooks' seed."""
     executed: Annotated[Path | None, FOLDER] = None

@@ -171,7 +171,7 @@ class Options:
     method: Method = "auto"
     """how to restore, see below"""
     checkpoint: Annotated[str | None, FILE] = None
-    """a depth network, .safetensors; unset: the sample's HADR"""
+    """a depth network, .safetensors; unset: the bundled one of hadr or hadr-plus"""
     segmentation: Annotated[str | None, FILE] = None
     """a segmentation network: predicts mask, hand mask"""
     keypoint_network: Annotated[str | None, FILE] = None

@@ -95,7 +95,7 @@ class Options:
     )
     """Which to run, see below."""
     objects: Annotated[tuple[str, ...], ID] = TRIAL_OBJECTS
-    """Which to hold out; there are no others."""
+    """Glasses that the hand offers; unset: all there are."""
     holds: tuple[int, ...] = TRIAL_HOLDS
     """Numbers of holding poses."""
     seed: int = 0
@@ -109,7 +109,7 @@ class Options:
     restless: bool = False
     """Hands that drift, swing or turn never come to rest."""
     turn: float | None = None
-    """Let every hand turn, by at most so many degrees to each side; unset: six motions."""
+    """Let every hand turn, by at most so many degrees to each side; unset: six motions in turn."""
     picture_rate: float = 10.0
     """Pictures a second, 0.1 to 50."""
     latency: float = 0.1

@@ -59,7 +59,7 @@ class Options:
     no_sensor: bool = False
     """Without it, whatever the preset says."""
     workers: int | None = None
-    """Processes; unset: one per core."""
+    """Processes; unset: one per core, one for preset tiny."""
     settings: Annotated[Given, tyro.conf.arg(name="")] = field(default_factory=Given)
 
 
