@@ -5,10 +5,12 @@
 
 Each run is a rehearsal on the arm without physics, of another of 48 holds on which the handover's
 settings were found: a hand that swings, and one to three faults of perception, robot or person that
-begin and end at random. The judge shares the arm's kinematics and the gripper's sizes with the
-guard: speeds are finite differences of the recorded joints, the arm is the surface that pictures
-show, the person the skin of the same pictures, where they truly are. It does not ask for distances
-while the object is carried away from the hand. Runs that are in the file are not made again.
+begin and end at random. Every second run has the settings of the attempts in place of the
+standard's, and sees ten pictures a second, each 0.1 s late. The judge shares the arm's kinematics
+and the gripper's sizes with the guard: speeds are finite differences of the recorded joints, the
+arm is the surface that pictures show, the person the skin of the same pictures, where they truly
+are. It does not ask for distances while the object is carried away from the hand. Runs of this
+code that are in the file are not made again.
 """
 
 from __future__ import annotations
@@ -33,24 +35,30 @@ from hadr.handover import ur5
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.observation import Observation
 from hadr.handover.simulated_ur5 import SimulatedUR5
+from hadr.handover.stages import HandoverConfig
 from hadr.handover.workflow import Handover
+from hadr.records.dependencies import code_digest, named_modules
 from hadr.records.provenance import provenance
-from hadr.records.result_file import read_result_file, write_result_file
+from hadr.records.result_file import digest, read_result_file, write_result_file
 from hadr.simulation.robot.arm_shape import Part, _links, gripper_surfaces
 from hadr.simulation.trials import TRIAL_OBJECTS
 from hadr.simulation.trials.rehearsal import REHEARSAL_CAMERA, Moment, MovingHand, rehearse
+from hadr.simulation.trials.trial import ATTEMPT_CONFIG
 from hadr.simulation.world.scenes import held_scene
 
 Array = npt.NDArray[np.float64]
-DT = 1 / 30
+DT, LATE = 1 / 30, 3
+"""Seconds of a step, and the steps by which pictures are late in every second run."""
 HOLDS = range(920, 926)
-SPEED, ACCELERATION, TOOL_SPEED = np.pi, 5.0, 0.25
-"""Limits of joints, rad/s and rad/s2, and of the tool point, m/s."""
+SPEED, ACCELERATION, TOOL_SPEED = np.pi / 4, 5.0, 0.25
+"""Limits of joints, rad/s (a quarter of the UR5's) and rad/s2, and of the tool point, m/s."""
+ANGLES = np.array([2, 2, 1, 2, 2, 2]) * np.pi
+"""Limits of the joints' angles to either side, radians."""
 TOLERANCE = 1.001
-FAR = 0.05
-"""Farther from the arm a hand is not measured, metres."""
+FAR, BLIND_FAR = 0.05, 0.5
+"""Farther from the arm a hand is not measured, also where it is not seen; metres."""
 INTO_SKIN, BLIND_WAY = 0.002, 0.010
-"""The arm's own way into the skin, or toward it while blind, that counts as unsafe, metres."""
+"""The arm's own way within the skin, or toward it while blind, that counts as unsafe, metres."""
 BLIND_AFTER = 0.3 + 0.15 + 2 * DT
 """Unseen for so long, seconds, a hand must have stopped the arm: its own limit, time to brake."""
 TAKES = 0.06
@@ -77,6 +85,8 @@ def seen(fault: Fault, o: Observation, held: list[Observation], rng: np.random.G
     points, keypoints = o.object_points, o.keypoints
     shift = fault.size * fault.direction
     before = ([h for h in held if h.time < fault.since] or held[:1])[-1]
+    if keypoints is None and fault.kind in OF_KEYPOINTS:
+        return o
     match fault.kind:
         case "no hand":
             return replace(o, keypoints=None)
@@ -94,13 +104,14 @@ def seen(fault: Fault, o: Observation, held: list[Observation], rng: np.random.G
         case "keypoints noisy":
             return replace(o, keypoints=keypoints + rng.normal(0, 0.03 * fault.size, (21, 3)))
         case "millimetres for metres":
-            return replace(o, keypoints=1000 * keypoints, object_points=1000 * points)
+            points = None if points is None else 1000 * points
+            return replace(o, keypoints=1000 * keypoints, object_points=points)
         case "keypoints of another shape":
             return replace(o, keypoints=keypoints[:20])
         case "no points of the glass":
             return replace(o, object_points=None)
         case "points elsewhere":
-            return replace(o, object_points=points + shift)
+            return o if points is None else replace(o, object_points=points + shift)
         case "confidence NaN":
             return replace(o, confidence=float("nan"))
         case "clock jumps":
@@ -120,7 +131,15 @@ PERCEPTION = (
     "clock jumps", "no time", "picture from the future",
 )  # fmt: skip
 OLDER = ("keypoints frozen", "pictures hang", "pictures late")
-ROBOT = ("protective stop", "pull at the gripper", "fingers stuck", "driver fails")
+OF_KEYPOINTS = (
+    "one keypoint is NaN", "hand reported elsewhere", "keypoints noisy", "millimetres for metres",
+    "keypoints of another shape",
+)  # fmt: skip
+BLIND = (*PERCEPTION[:4], "millimetres for metres", "keypoints of another shape")
+"""Under these no hand can be seen where it is."""
+ROBOT = (
+    "protective stop", "pull at the gripper", "fingers stuck", "driver fails", "no wrench",
+)  # fmt: skip
 PERSON = ("the hand comes", "the hand goes", "the hand never rests")
 
 
@@ -141,7 +160,9 @@ class BrokenUR5(SimulatedUR5):
         super().servo_to(base_from_tool, dt, **how)
 
     def tool_wrench(self) -> Array:
-        """As the arm does, or with somebody who pulls."""
+        """As the arm does, or with somebody who pulls, or with a sensor that gives no number."""
+        if self._has("no wrench"):
+            return np.full(6, np.nan)
         pull = self._has("pull at the gripper")
         return (
             super().tool_wrench()
@@ -195,8 +216,9 @@ def run(number: int) -> dict[str, Any]:
         scene, camera, seed=number, drift=rng.uniform(0, 0.06), turn=rng.uniform(0, 0.3),
         calm_after=calm, noise=0.002, fault=moves,
     )  # fmt: skip
-    robot = BrokenUR5(faults)
-    handover = Handover(robot, GraspSelection(rng, camera[:3, 3]), camera)
+    robot, slow = BrokenUR5(faults), number % 2 == 1
+    config = ATTEMPT_CONFIG if slow else HandoverConfig()
+    handover = Handover(robot, GraspSelection(rng, camera[:3, 3]), camera, config)
     held: list[Observation] = []
     unseen: list[bool] = []
 
@@ -206,21 +228,22 @@ def run(number: int) -> dict[str, Any]:
             robot.protective_stop = "a person pushed"
         held.append(o)
         blind = False
+        if slow:
+            o = replace(held[max(len(held) - 1 - LATE, 0)], time=o.time)
         # an older picture comes with the faults of its stream, whatever the order of the draw
         for fault in sorted(faults, key=lambda fault: fault.kind not in OLDER):
             if fault.kind in PERCEPTION and fault.on(o.time):
-                blind |= fault.kind in PERCEPTION[:4] or fault.kind in (
-                    "millimetres for metres", "keypoints of another shape",
-                )  # fmt: skip
-                if o.keypoints is None or o.object_points is None:
-                    continue
+                blind |= fault.kind in BLIND
                 o = seen(fault, o, held, rng)
         unseen.append(blind)
         return o
 
     raised, moments = "", list[Moment]()
     try:
-        rehearse(handover, hand, dt=DT, past_stops=True, spoil=spoil, longest=40.0, moments=moments)
+        rehearse(
+            handover, hand, dt=DT, past_stops=True, spoil=spoil, longest=40.0, moments=moments,
+            picture_every=0.1 if slow else 0.0,
+        )  # fmt: skip
     except OSError as error:
         raised = str(error)
     found = unsafe(moments, unseen, scene.hand(0.01).surface.vertices)
@@ -228,6 +251,7 @@ def run(number: int) -> dict[str, Any]:
         found["not stopped after the driver's error"] = 1.0
     return {
         "run": number,
+        "code": code(),
         "scene": scene.hold.hold_id,
         "faults": [f.kind for f in faults],
         "end": handover.stage.value,
@@ -248,8 +272,9 @@ def unsafe(moments: list[Moment], unseen: list[bool], skin: Array) -> dict[str, 
     for name, worst, most in (
         ("joint speed, rad/s", np.abs(velocity).max(), SPEED),
         ("tool speed, m/s", tool.max(), TOOL_SPEED),
-        ("joint angle, rad", np.abs(joints).max(), 2 * np.pi),
+        ("joint angle, of its limit", (np.abs(joints) / ANGLES).max(), 1.0),
         ("tool below the table, m", max(-m.tool[2, 3] for m in moments), 0.0),
+        ("link below the table, m", max(-m.outline[2:, 2].min() for m in moments), 0.0),
     ):
         if worst > most * TOLERANCE:
             found[name] = float(worst)
@@ -258,23 +283,28 @@ def unsafe(moments: list[Moment], unseen: list[bool], skin: Array) -> dict[str, 
     moving = (np.abs(velocity[1:]) > 1e-9).any(axis=1)
     if moving.any() and (worst := change[moving].max()) > ACCELERATION * TOLERANCE:
         found["joint acceleration, rad/s2"] = float(worst)
-    blind_for, toward = 0.0, 0.0
+    blind_for, toward, within = 0.0, 0.0, 0.0
     for k, (before, now) in enumerate(pairwise(moments), start=1):
         blind_for = blind_for + DT if k < len(unseen) and unseen[k] else 0.0
         toward = toward if blind_for > BLIND_AFTER else 0.0
-        if before.holder == "gripper" and now.gripper_width > before.gripper_width + 1e-6:
-            away = depth_in(now, transform_points(now.base_from_wrist, skin), 2 * TAKES)
+        points = transform_points(now.base_from_wrist, skin)
+        opens = now.gripper_width > before.gripper_width + 1e-6
+        if before.holder == "gripper" and opens:
+            away = depth_in(now, points, 2 * TAKES, links=False)
             if away > TAKES:
                 found["opened with no hand there, m"] = away
-        moved = now.stage.value != "Grasp & Retrieve" or now.holder != "gripper"
-        if np.allclose(before.joints, now.joints, atol=1e-9) or not moved:
+        carries = now.stage.value == "Grasp & Retrieve" and now.holder == "gripper"
+        still = np.allclose(before.joints, now.joints, rtol=0, atol=1e-9)
+        if carries or (still and abs(now.gripper_width - before.gripper_width) < 1e-9):
             continue
-        points = transform_points(now.base_from_wrist, skin)
-        gap = depth_in(now, points)
-        if gap > -INTO_SKIN and blind_for <= BLIND_AFTER:
+        far = BLIND_FAR if blind_for > BLIND_AFTER else FAR
+        gap = depth_in(now, points, far)
+        within = within if gap < 0 else 0.0
+        if gap >= 0 and blind_for <= BLIND_AFTER:
             continue
-        its = depth_in(before, points)
-        if -gap > INTO_SKIN and gap < its - 5e-4:
+        its = depth_in(before, points, far)
+        within += max(0.0, min(its, 0.0) - gap) if gap < 0 else 0.0
+        if within > INTO_SKIN or (-gap > INTO_SKIN and gap < its - 5e-4):
             found["into the skin, m"] = max(found.get("into the skin, m", 0.0), -gap)
         if blind_for > BLIND_AFTER:
             toward += max(0.0, its - gap)
@@ -283,14 +313,15 @@ def unsafe(moments: list[Moment], unseen: list[bool], skin: Array) -> dict[str, 
     return found
 
 
-def depth_in(moment: Moment, points: Array, least: float = FAR) -> float:
+def depth_in(moment: Moment, points: Array, least: float = FAR, *, links: bool = True) -> float:
     """Free space of arm and gripper as they are drawn to points (n, 3), metres; minus: inside.
 
-    Where it is larger than `least`, that.
+    Where it is larger than `least`, that; without the arm's links if they are not asked for.
     """
-    frames = ur5.BASE_LINK_FROM_DH_BASE @ ur5.joint_frames(moment.joints)
-    near = [(frame, faces) for frame, faces in zip(frames[1:], links(), strict=True)]
-    near.append((moment.tool, gripper(round(moment.gripper_width, 3))))
+    near = [(moment.tool, gripper(round(moment.gripper_width, 3)))]
+    if links:
+        frames = ur5.BASE_LINK_FROM_DH_BASE @ ur5.joint_frames(moment.joints)
+        near += zip(frames[1:], moving_links(), strict=True)
     for frame, solids in near:
         own = transform_points(np.linalg.inv(frame), points)
         lowest, highest = (np.stack([box[i] for box in solids]) for i in (1, 2))
@@ -318,9 +349,16 @@ def convex(parts: Iterable[Part]) -> list[tuple[Array, Array, Array]]:
 
 
 @cache
-def links() -> list[list[tuple[Array, Array, Array]]]:
+def moving_links() -> list[list[tuple[Array, Array, Array]]]:
     """The solids of all links that move, each in its link's frame."""
     return [convex(link) for link in _links()[1:]]
+
+
+@cache
+def code() -> str:
+    """Checksum of this script and of the code behind it."""
+    own = Path(__file__).read_text(encoding="utf-8")
+    return digest({"judge": own, "library": code_digest(*named_modules(own))})
 
 
 @cache
@@ -337,6 +375,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, required=True)
     args = parser.parse_args()
     rows = list(read_result_file(args.json).rows) if args.json.exists() else []
+    rows = [row for row in rows if row.get("code") == code()]
     what = "runs of the workflow on the arm without physics, with random faults, judged by geometry"
     with ProcessPoolExecutor(args.jobs) as pool:
         made = {row["run"] for row in rows}
