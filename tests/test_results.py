@@ -1076,21 +1076,21 @@ def test_chapter_13_says_what_makes_it_worse() -> None:
         return one
 
     plain = row_of()
-    assert plain["successes"] == 20
+    assert plain["successes"] == 18
     turned = [row_of(extrinsics_error_deg=angle) for angle in (6, 3, 1.5)]
-    assert [row["successes"] for row in turned[:2]] == [6, 11]
-    assert [paired(plain, row)[:2] for row in turned[:2]] == [(14, 0), (10, 1)]
+    assert [row["successes"] for row in turned] == [5, 10, 17]
+    assert [paired(plain, row)[:2] for row in turned[:2]] == [(14, 1), (9, 1)]
     fast = [row_of(hand_speed=speed) for speed in (2, 3)]
     late = [row_of(latency=late) for late in (0.2, 0.3)]
     rates = [row_of(picture_rate=rate) for rate in (5, 25, 30)]
     chances = [paired(plain, row)[2] for row in (*turned, *fast, *late, *rates)]
     assert len(chances) == 10  # "a correction for the ten comparisons"
     corrected = false_discovery_control(chances)
-    assert f"{corrected[0]:.3f}" == "0.001"
-    assert f"{corrected[1]:.2f}" == "0.06"
+    assert f"{corrected[0]:.3f}" == "0.010"
+    assert f"{corrected[1]:.2f}" == "0.11"
     assert min(corrected[2:]) > 0.05  # "24 attempts cannot tell it from nothing"
-    others = [row["successes"] for row in (turned[-1], *fast, *late, *rates)]
-    assert min(others) == others[0] == others[-1] == 15  # "do worst of it, with 15 each"
+    told = [sorted(row["successes"] for row in some) for some in (late, fast, rates)]
+    assert told == [[17, 18], [17, 19], [15, 17, 17]]
 
 
 def test_what_ended_before_the_clock_is_the_same_with_twice_the_time() -> None:
@@ -1109,40 +1109,47 @@ def test_chapter_13_says_what_a_restless_hand_costs() -> None:
     perfect = restless["perfect"]
     moving = ("drift", "swing", "turn")
     never = {n: sum(row["by_motion"][kind][0] for kind in moving) for n, row in restless.items()}
-    assert (never["hadr"], never["hadr-no-tracking"]) == (8, 2)
-    assert (never["hadr-plus"], never["hadr-plus-no-tracking"]) == (6, 5)
-    won = [restless[name]["successes"] for name in ("hadr-plus", "hadr-plus-no-tracking")]
-    assert won == [22, 15]
-    assert perfect["successes"] == 20
-    assert never["perfect"] == 6  # of 24
-    assert perfect["incidents"]["the glass was torn out of the hand"] == [1, 9]
+    assert never["hadr-plus"] - never["hadr-plus-no-tracking"] == 1  # "all but one" of eleven
+    assert (min(never.values()), max(never.values())) == (3, 7)  # of 24
+    for name, without, wins, alone, chance in (
+        ("hadr-plus", "tracking", (19, 8), (13, 2), "0.007"),
+        ("hadr", "tracking", (15, 8), (10, 3), "0.092"),
+        ("hadr-plus", "rescoring", (19, 14), (7, 2), "0.180"),
+    ):
+        pair = restless[name], restless[f"{name}-no-{without}"]
+        assert tuple(row["successes"] for row in pair) == wins
+        ahead, behind, p = paired(*pair)
+        assert (ahead, behind, f"{p:.3f}") == (*alone, chance)
+    assert perfect["successes"] == 23
+    assert never["perfect"] == 7
+    assert perfect["incidents"]["the glass was torn out of the hand"][1] == 10
     touched = 0
     for row in restless.values():
         for name, verdict in row["verdicts"].items():
             object_id, hold = name.split("-")  # all of seed 0
             touched += verdict == "human contact" and kind_for(object_id, int(hold)) in moving
-    assert f"touched in {touched} of {5 * 24} (first making)" in page_text(CHAPTER_13)
+    assert f"touched in {touched} of {24 * len(restless)}." in page_text(CHAPTER_13)
 
 
 def test_chapter_13_says_what_a_hand_that_turns_costs() -> None:
     rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
     of = {(row["condition"], row.get("turn_degrees")): row for row in rows}
     perfect = [of["perfect", angle]["successes"] for angle in (20, 40, 60)]
-    assert perfect == [36, 32, 29]
+    assert perfect == [34, 25, 28]
     pairs = [(of["hadr-plus", a], of["hadr-plus-no-tracking", a]) for a in (20, 40, 60)]
     won = [tuple(row["successes"] for row in pair) for pair in pairs]
-    assert won == [(30, 30), (25, 17), (17, 10)]
+    assert won == [(31, 31), (22, 15), (13, 6)]
     alone = [paired(*pair)[:2] for pair in pairs]
     ahead, behind = (sum(counts) for counts in zip(*alone, strict=True))
-    assert (ahead, behind) == (31, 16)
+    assert (ahead, behind) == (33, 19)
     follows, stays = (
         made_again(row["verdicts"] for row in side) for side in zip(*pairs, strict=True)
     )
-    assert f"{paired(follows, stays)[2]:.2f}" == "0.07"
+    assert f"{paired(follows, stays)[2]:.2f}" == "0.10"
     follows, stays = (row["incidents"] for row in pairs[2])
-    assert stays["the hand was in the way"][1] == 23
-    assert stays["nothing was between the fingers"][1] == 17
-    assert follows["the arm's reach ended"][1] == 16
+    assert stays["the hand was in the way"][1] == 21
+    assert stays["nothing was between the fingers"][1] == 20
+    assert follows["the arm's reach ended"][1] == 12
 
 
 def test_the_first_pages_film_is_what_its_words_say() -> None:
