@@ -163,7 +163,7 @@ def test_depth_jumps_marks_both_sides_of_a_step() -> None:
     assert not depth_jumps(two_steps(), jump_m=0.6).any()
 
 
-def test_corrupt_is_the_oracle_by_default_and_repeats_with_the_seed() -> None:
+def test_corrupt_is_the_oracle_by_default_keeps_its_order_and_repeats_with_the_seed() -> None:
     depth, mask = two_steps(), disc()
     oracle = corrupt(depth, mask, CAMERA, default_rng(0))
     np.testing.assert_array_equal(oracle, erase_mask(depth, mask))
@@ -172,6 +172,9 @@ def test_corrupt_is_the_oracle_by_default_and_repeats_with_the_seed() -> None:
     )
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
+    rng = default_rng(5)
+    seen = see_through(depth, plane(1.3), mask, rng)
+    np.testing.assert_array_equal(first, edge_noise(stereo_noise(seen, CAMERA, rng), rng))
     everything = CorruptionConfig(erase=True, see_through=True, stereo=True, edges=True)
     erased = corrupt(depth, mask, CAMERA, default_rng(0), everything, plane(1.3))
     assert (erased[mask] == 0).all()

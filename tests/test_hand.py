@@ -242,6 +242,16 @@ def test_translation_only_feature_ignores_a_pure_translation():
     torch.testing.assert_close(feature[0].reshape(21, 3), keypoints - keypoints[0])
 
 
+def test_the_wrist_frame_ignores_that_the_camera_turns_and_translation_alone_does_not():
+    keypoints = hand_in_camera()
+    turned = transform_points(random_motion(np.random.default_rng(10)), keypoints)
+    both = torch.from_numpy(np.stack([keypoints, turned]))
+    for rotation in (True, False):
+        feature = absolute_hand_feature(both, wrist_rotation=rotation)
+        changed = (feature[1] - feature[0]).abs().max()
+        assert changed < 1e-9 if rotation else changed > 0.01
+
+
 def test_absolute_feature_is_the_hand_in_its_own_frame():
     """By hand: seen in the wrist frame, a flat hand is where forward kinematics puts it."""
     flat = keypoints_from_skeleton(forward_kinematics(np.zeros(20)).joints)

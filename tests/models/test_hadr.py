@@ -231,6 +231,32 @@ def test_the_published_2d_feature_is_x_and_y_in_metres() -> None:
     assert torch.equal(model._hand_feature(away, occupied), feature)
 
 
+def test_without_its_rotation_the_wrist_frame_is_the_cameras() -> None:
+    inputs, _ = scene()
+    wrist = (inputs.keypoints - inputs.keypoints[:, :1]).flatten()
+    for rotation in (True, False):
+        model = HADR(replace(MICRO, wrist_rotation=rotation)).eval()
+        feature = model._hand_feature(inputs, model(inputs).occupied)
+        apart = (feature[:, :63] - wrist).abs().max()
+        assert apart > 0.01 if rotation else apart == 0
+
+
+def test_only_where_asked_for_the_probability_head_ends_in_the_clamp() -> None:
+    torch.manual_seed(0)
+    plain = HADR(MICRO).eval()
+    clamped = HADR(replace(MICRO, clamp_probability=True)).eval()
+    clamped.load_state_dict(plain.state_dict())
+    inputs, _ = scene()
+    free, kept = plain(inputs).logits, clamped(inputs).logits
+    assert (free - kept).abs().max() > 1e-3
+    torch.testing.assert_close(kept, leaky_clamp(free))
+
+
+def test_one_scale_has_fewer_weights_than_all() -> None:
+    all_scales, one = (HADR(replace(MICRO, aggregation=on)) for on in (True, False))
+    assert len(one.state_dict()) < len(all_scales.state_dict())
+
+
 def test_masked_rays_with_stride_and_start() -> None:
     mask = torch.zeros(2, 5, 6, dtype=torch.bool)
     mask[0, 1:4, 2:5] = True

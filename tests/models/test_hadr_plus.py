@@ -22,6 +22,15 @@ def network():
     return HADRPlus(SMALL).eval()
 
 
+def silent(config):
+    """A network that says nothing: its candidates lie where they start."""
+    network = HADRPlus(config).eval()
+    for layer in (network.coarse[1], network.fine[1], network.unet.answer):
+        torch.nn.init.zeros_(layer.weight)
+        torch.nn.init.zeros_(layer.bias)
+    return network
+
+
 def restored(network, inputs):
     with torch.no_grad():
         return network(inputs)
@@ -77,11 +86,7 @@ def test_a_switch_blanks_its_channels_and_no_others(network, batch, switch):
 
 
 def test_the_plane_lies_below_the_candidates_at_its_place_in_metres(batch):
-    torch.manual_seed(0)
-    network = HADRPlus(SMALL).eval()
-    for layer in (network.coarse[1], network.fine[1], network.unet.answer):
-        torch.nn.init.zeros_(layer.weight)
-        torch.nn.init.zeros_(layer.bias)
+    network = silent(SMALL)
     network.start.zero_()
     # 3 cm before the hand at the crop's centre, 0.2 m a metre to the right, 0.4 down.
     network.unet.answer.bias.data = torch.tensor([-1.0, 0.5, 1.0])
@@ -95,6 +100,19 @@ def test_the_plane_lies_below_the_candidates_at_its_place_in_metres(batch):
         assert output.depth[frame, row, column].item() == pytest.approx(expected.item(), abs=1e-4)
     mask = inputs.mask
     assert torch.allclose(output.plane, output.depth[mask], atol=1e-6)
+
+
+def test_the_likelier_candidate_is_the_answer_and_its_confidence_is_by_hand(batch):
+    network = silent(replace(SMALL, plane=False))
+    network.coarse[1].bias.data[2:4] = torch.tensor([0.0, 2.0])  # scores
+    output, mask = restored(network, batch.inputs), batch.inputs.mask
+    # Candidates 3 cm before the hand and 3 cm behind it, whose scale is exp(-3.5) metres.
+    hand = network.crop(batch.inputs).prior[output.rays[:, 0]]
+    torch.testing.assert_close(output.depth[mask], hand + 0.03, atol=1e-5, rtol=0)
+    scale, share = math.exp(-3.5), 1 / (1 + math.exp(-2))
+    near, far = (1 - math.exp(-width / scale) for width in (0.04, 0.08))
+    sure = share * (1 - math.exp(-0.02 / scale)) + (1 - share) * (far - near) / 2
+    assert output.confidence[mask].tolist() == pytest.approx([sure] * len(hand), abs=1e-5)
 
 
 def test_without_plane_nothing_is_guessed(batch):

@@ -113,6 +113,21 @@ def test_another_seed_is_another_training(micro: Preset, frames: FrameTensors) -
     assert not same_weights(through.model, train(short, frames, seed=4, progress=False).model)
 
 
+def test_each_epoch_sees_all_frames_in_an_order_of_its_own(micro, frames, monkeypatch):
+    seen: list[tuple[str, ...]] = []
+    losses = Task.losses
+
+    def watched(task: Task, model: Any, batch: FrameTensors, *further: Any) -> Any:
+        seen.append(batch.stems)
+        return losses(task, model, batch, *further)
+
+    monkeypatch.setattr(Task, "losses", watched)
+    train(replace(micro, epochs=2), frames, progress=False)
+    orders = seen[0] + seen[1], seen[2] + seen[3]  # six frames in batches of four
+    assert [sorted(order) for order in orders] == [list(frames.stems)] * 2
+    assert len({*orders, frames.stems}) == 3
+
+
 def test_what_a_training_cannot_go_on_from_is_refused(tmp_path, micro, frames):
     def resumed() -> None:
         train(short, frames, frames, folder=tmp_path, seed=3, resume=True, progress=False)

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from hadr.models.hadr import HADROutput
+from hadr.models.network_input import masked_rays, ray_points
 from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs, segment_softmax
 from hadr.training.losses import (
     CODED,
@@ -78,34 +79,35 @@ def test_normals_loss_is_half_of_one_minus_cosine_over_whole_triangles() -> None
     assert normals_loss(plane(1.0), plane(0.0), ~everywhere).item() == 0.0
 
 
-def output_with(points: torch.Tensor, chosen_true: bool = True) -> HADROutput:
-    """Four rays of a 2x2 block in the middle of a 4x4 image, voxels at 0.5 m and 1 m."""
-    mask = torch.zeros(1, 4, 4, dtype=torch.bool)
-    mask[0, 1:3, 1:3] = True
-    rays = mask.nonzero()
+INTRINSICS = torch.tensor([[100.0, 100.0, 1.5, 1.5]])
+BLOCK = torch.tensor([[0, 1, 1], [0, 1, 2], [0, 2, 1], [0, 2, 2]])
+"""Rays of a 2x2 block in the middle of a 4x4 image."""
+
+
+def output_with(points: torch.Tensor, rays: torch.Tensor = BLOCK) -> HADROutput:
+    """Of each ray the point and two voxels, at 0.5 m and 1 m, of which the first is chosen."""
+    count, image = len(rays), torch.zeros(1, 4, 4)
     occupied = occupied_voxels(
         torch.tensor([[0.0, 0.0, 0.5], [0.0, 0.0, 1.0]]), torch.zeros(2, dtype=torch.long), GRID, 1
     )
-    directions = torch.nn.functional.normalize(true_points(0.5), dim=1)
+    along = ray_points(rays, torch.ones(count), INTRINSICS)
+    directions = torch.nn.functional.normalize(along, dim=1)
     pairs = ray_voxel_pairs(directions, rays[:, 0], occupied, GRID)
-    assert pairs.ray.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
-    probability = torch.tensor([0.8, 0.2] * 4)
+    assert pairs.ray.tolist() == [ray for ray in range(count) for _ in range(2)]
+    probability = torch.tensor([0.8, 0.2] * count)
     return HADROutput(
-        depth=torch.zeros(1, 4, 4),
-        restored=mask,
-        clamped=torch.zeros(1, 4, 4, dtype=torch.bool),
+        depth=image,
+        restored=image > 0,
+        clamped=image > 0,
         rays=rays,
         points=points,
-        chosen=torch.tensor([0, 2, 4, 6]),
+        chosen=torch.arange(0, 2 * count, 2),
         pairs=pairs,
         occupied=occupied,
         logits=probability.log(),
         probability=probability,
-        offset=torch.zeros(4),
+        offset=torch.zeros(count),
     )
-
-
-INTRINSICS = torch.tensor([[100.0, 100.0, 1.5, 1.5]])
 
 
 def true_points(z: float) -> torch.Tensor:
@@ -135,6 +137,17 @@ def test_all_terms_where_the_truth_lies_in_the_other_voxel() -> None:
     assert terms.voxel_accuracy.item() == 0.0
     assert terms.without_true_voxel.item() == pytest.approx(1 / 3)
     assert terms.normals.item() == 0.0  # no whole triangle is left
+
+
+@pytest.mark.parametrize(("rows", "columns", "stride"), [(3, 5, 1), (5, 9, 2)])
+def test_the_normals_of_an_answer_tilted_by_45_degrees(rows, columns, stride) -> None:
+    depth = torch.full((1, rows, columns), 0.5)
+    rays = masked_rays(depth > 0, stride)
+    points = ray_points(rays, torch.full((len(rays),), 0.5), INTRINSICS)
+    points[:, 2] += points[:, 0]
+    output = output_with(points, rays)
+    terms = hadr_losses(output, depth, INTRINSICS, GRID, ray_stride=stride)
+    assert terms.normals.item() == pytest.approx((1 - math.cos(math.pi / 4)) / 2, abs=1e-5)
 
 
 def test_the_worst_choice_has_the_gradient_of_a_log_softmax_over_each_ray() -> None:

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
+from hadr.models.hadr import HADRConfig
 from hadr.models.network_input import HADRInput, ray_points
+from hadr.models.window import WindowConfig
 from hadr.training.frames.augmentation import augment_frames, draw_camera, other_camera, seen_by
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
@@ -32,8 +35,8 @@ def plane_frame() -> FrameTensors:
     return FrameTensors(inputs, depth, ~mask, mask, keypoints, ("plane",))
 
 
-def recipe_with(**changes: float) -> Preset:
-    return Preset(name="test", width=WIDTH, height=HEIGHT, augment=False, **changes)  # type: ignore[arg-type]
+def recipe_with(**changes: Any) -> Preset:
+    return Preset("test", WIDTH, HEIGHT, **{"augment": False, **changes})
 
 
 @pytest.mark.parametrize("mirror", [False, True])
@@ -115,6 +118,36 @@ def test_chance_belongs_to_the_frame_and_the_epoch(frames: FrameTensors) -> None
 def test_nothing_to_change_changes_nothing(frames: FrameTensors) -> None:
     same = augment_frames(frames, range(len(frames)), recipe_with(), 0, 0)
     assert same is frames
+
+
+def test_colours_change_only_where_they_are_augmented() -> None:
+    frame = plane_frame()
+    color = frame.inputs.color
+
+    def seen(**changes: Any) -> torch.Tensor:
+        return augment_frames(frame, [0], recipe_with(**changes), 0, 0).inputs.color
+
+    assert torch.equal(seen(keypoint_noise=0.01), color)
+    torch.testing.assert_close(seen(mirror=1.0), color.flip(3))
+    assert (seen(augment=True) - color).abs().max() > 0.1
+
+
+def test_windows_laid_by_chance_show_the_same_plane() -> None:
+    frame = plane_frame()
+    recipe = recipe_with(model=HADRConfig(view=WindowConfig(size=32, jitter=0.2)))
+    twice = FrameTensors.join([frame, frame])
+    seen = augment_frames(twice, [0, 1], recipe, 0, 0)
+    cameras = seen.inputs.intrinsics
+    assert not torch.isclose(cameras[0], cameras[1], rtol=1e-3).any()
+    known = seen.true_depth > 0
+    assert known.float().mean() > 0.7
+    assert torch.isin(seen.true_depth[known], frame.true_depth).all()
+    points = ray_points(known.nonzero(), seen.true_depth[known], cameras)
+    # The nearest pixel is at most half a pixel off, in rows and in columns.
+    off = 0.5 * (0.25 / 70 + 0.4 / 55) * float(frame.true_depth.max()) * 1.05
+    assert (points @ NORMAL - 0.8).abs().max() < off
+    assert torch.equal(seen.object_mask, seen.inputs.mask)
+    assert torch.equal(seen.hand_mask, known & ~seen.object_mask)
 
 
 def test_unknown_keypoints_stay_unknown() -> None:

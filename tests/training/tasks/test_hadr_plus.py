@@ -47,6 +47,25 @@ def test_terms_by_hand(frames):
     assert terms["step"].item() == pytest.approx(0.0, abs=1e-6)  # shifted, but of the right shape
 
 
+def test_the_step_and_the_loss_by_hand(frames):
+    """Three rows of four rays to a wall: 9 steps to the right, 2 mm too long each, and 8 down."""
+    wall = frames.take([0])
+    mask = torch.zeros_like(wall.inputs.mask)
+    mask[0, 50:53, 60:64] = True
+    batch = replace(
+        wall,
+        inputs=replace(wall.inputs, mask=mask),
+        true_depth=torch.full_like(wall.true_depth, 0.5),
+    )
+    output = output_of(batch, [0.0], [0.0], 0.02)
+    off = 0.002 * (output.rays[:, 2:] - 60)  # 3 mm in the mean
+    terms = plus_losses(replace(output, candidate=output.candidate + off), batch)
+    step = 0.002 * 9 / 17
+    assert terms["step"].item() == pytest.approx(step, rel=1e-3)
+    expected = math.log(0.04) + 0.003 / 0.02 + 20 * 0.003 + 50 * step
+    assert terms["loss"].item() == pytest.approx(expected, abs=1e-4)
+
+
 def test_the_hands_plane_is_scored_by_itself(frames):
     batch = frames.take([0])
     output = output_of(batch, [0.0], [0.0], 0.02)
