@@ -156,7 +156,7 @@ def run(options: Options) -> int:
             name: replace(mean_over_frames(scores.frames), coverage=own[name])
             for name, scores in rows.items()
         }
-        pooled = {name: replace(scores.pooled, coverage=own[name]) for name, scores in rows.items()}
+        pooled = {name: scores.pooled for name, scores in rows.items()}
         at = "{}x{}".format(*EVALUATION_SIZE)
         print(
             f"split {options.split}, {len(source)} frames, depth {given.corruption}; scored at "

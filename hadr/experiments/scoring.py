@@ -11,18 +11,21 @@ coverage: a small error there is worth as much as its coverage.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import torch
 from torch import nn
 
 from hadr.camera import BoolArray, FloatArray
 from hadr.experiments.averages import standard_error
 from hadr.metrics import METRICS, DepthMetrics, frame_metrics, mean_over_frames, pooled
 from hadr.models.network_input import enlarge_restored
+from hadr.models.networks import NETWORKS
 from hadr.training.evaluation import CLASSICAL, predict
 from hadr.training.frames.batches import FrameTensors
+from hadr.training.frames.predicted import NEED_HAND, hand_known
 
 EVALUATION_SIZE = (224, 126)
 """(width, height) at which all systems are scored, pixels."""
@@ -37,7 +40,8 @@ class Scores:
         frames: Each frame's metrics; a pixel that is 0 in the depth counts as that.
         restored: Each frame's metrics over the pixels that were restored, not filled; their
             ``coverage`` is the share of these.
-        pooled: Metrics over the pixels of all frames, likewise.
+        pooled: Metrics over the pixels of all frames, as in `frames`; its ``coverage`` is the share
+            of them that were restored.
     """
 
     stems: tuple[str, ...]
@@ -82,11 +86,13 @@ def score_depth(
     shown = [n for n in range(len(truth)) if (masks[n] & (true[n] > 0)).any()]
     if not shown:
         raise ValueError(f"none of the {len(truth)} frames shows an object")
+    alone = tuple(frame_metrics(own[n], true[n], masks[n]) for n in shown)
+    whole = pooled(((depth[n], true[n], masks[n]) for n in shown), missing="zero")
     return Scores(
         stems=tuple(truth.stems[n] for n in shown),
         frames=tuple(frame_metrics(depth[n], true[n], masks[n], missing="zero") for n in shown),
-        restored=tuple(frame_metrics(own[n], true[n], masks[n]) for n in shown),
-        pooled=pooled(((depth[n], true[n], masks[n]) for n in shown), missing="zero"),
+        restored=alone,
+        pooled=replace(whole, coverage=sum(m.pixels for m in alone) / whole.pixels),
     )
 
 
@@ -102,15 +108,23 @@ def restored_depth(
     """Let a depth network restore frames, and enlarge its depth to the truth's size.
 
     `given` are the frames at the network's own size, `truth` the same ones at the evaluation size;
-    ValueError where they are others. Gives z-depth in metres, 0 where none is, and where it is the
-    network's own, both (N, H, W).
+    ValueError where they are others. Where no hand is known, a network that needs one restores
+    nothing. Gives z-depth in metres, 0 where none is, and where it is the network's own, both (N,
+    H, W).
     """
     if given.stems != truth.stems:
         raise ValueError("the frames at the network's size are not those at the evaluation size")
     shape = tuple(truth.true_depth.shape[1:])
+    lost = torch.zeros(len(given), dtype=torch.bool)
+    if type(model).__name__ in [NETWORKS[kind].network for kind in NEED_HAND]:
+        lost = ~hand_known(given.inputs)
+        # it is shown some hand or other there, and what it says is left out
+        keypoints = torch.where(lost[:, None, None], 1.0, given.inputs.keypoints)
+        given = replace(given, inputs=replace(given.inputs, keypoints=keypoints))
     outputs = predict(model, given)
     depth = np.concatenate([output.depth.cpu().numpy() for output in outputs])
     known = np.concatenate([output.restored.cpu().numpy() for output in outputs]) & (depth > 0)
+    known[lost.numpy()] = False
     large = np.zeros((len(given), *shape), np.float32)
     restored = np.zeros((len(given), *shape), bool)
     for number, asked in enumerate(given.inputs.mask.cpu().numpy()):

@@ -136,6 +136,9 @@ class LIDFConfig(NetworkConfig):
         view: Look at a window around hand and glass; None looks at the whole picture.
         lite: An EfficientNet-Lite0, as HADR's, in the dilated ResNet's place.
         voxel_relu: End the voxel encoders' layers on voxels in a ReLU (ledger, row 28).
+
+    Raises:
+        ValueError: `lite`, which normalises colours itself, together with `normalize_color`.
     """
 
     hand: ClassVar[str] = "none"
@@ -155,6 +158,12 @@ class LIDFConfig(NetworkConfig):
     view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
     lite: LiteConfig | None = field(default=None, metadata=IF_CHANGED)
     voxel_relu: bool = field(default=False, metadata=IF_CHANGED)
+
+    def __post_init__(self) -> None:
+        if self.lite and self.normalize_color:
+            raise ValueError(
+                "lite normalises colours itself: normalize_color must be False with it, got True"
+            )
 
     @property
     def first_stage(self) -> HADRConfig:

@@ -77,7 +77,7 @@ def train(
         start: A network of the same form whose weights the training begins with; new ones, drawn
             by chance, where it is left out.
         resume: Go on from the folder's last checkpoint, if there is one.
-        stop_after: Stop after this many epochs, as if interrupted.
+        stop_after: Stop after this many epochs, as if interrupted; None trains all of them.
         progress: Show a progress bar.
         watch: Called after each epoch with its number and the network, e.g. to keep pictures.
         device: Where it runs, "cpu" or "cuda" (`chosen_device`).
@@ -88,10 +88,13 @@ def train(
 
     Raises:
         ValueError: `resume` without a folder, or with a checkpoint of another recipe, seed or
-            data; a folder that holds a training, without `resume`; TensorBoard without folder.
+            data; a folder that holds a training, without `resume`; TensorBoard without folder;
+            `stop_after` below 1.
         FloatingPointError: The loss is no longer a finite number.
         ImportError: TensorBoard is asked for and not installed.
     """
+    if stop_after is not None and stop_after < 1:
+        raise ValueError(f"stop_after must be at least 1, got {stop_after}")
     if validation is not None:
         validation = evenly(validation, recipe.validation_frames)
     task = Task(recipe)
@@ -122,7 +125,7 @@ def train(
 
     starts = range(0, len(frames), recipe.batch_size)
     steps = len(starts)
-    last = min(recipe.epochs, stop_after or recipe.epochs)
+    last = recipe.epochs if stop_after is None else min(recipe.epochs, stop_after)
     if average is not None:
         average.n_averaged.fill_(1 + steps * len(history))  # it begins with the start's weights
     bar = tqdm(total=steps * last, initial=steps * len(history), unit="step", mininterval=1.0,

@@ -244,7 +244,7 @@ def _train(options: Options) -> int:
     if options.resume and "frames_sha256" not in (read_record(out / LAST).get("data") or {}):
         content = {}  # its training began before this was noted
     parts = {
-        split: read_split(folders, split, recipe.size, given, options.objects)
+        split: read_split(folders, split, recipe.size, given, options.objects, recipe.network)
         for split in ("train", "val")
     }
     if parts["train"] is None:

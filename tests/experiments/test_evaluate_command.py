@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from hadr.camera import Intrinsics, project
 from hadr.cli import parse_options
@@ -13,6 +14,7 @@ from hadr.data.frame import Frame, write_frame
 from hadr.experiments.evaluate_command import run
 from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr import HADR, HADRConfig
+from hadr.models.networks import NETWORKS
 from hadr.models.segmentation import SegmentationNet
 from hadr.training.checkpoints import save_checkpoint
 from hadr.training.presets import preset
@@ -79,6 +81,34 @@ def test_networks_stand_beside_methods_that_learn_nothing(
     assert len(written["figures"]["masks"]) > 1
     assert written["provenance"]["versions"]["torch"]
     assert "mean of the frames' numbers" in capsys.readouterr().out
+
+
+def test_where_no_hand_is_found_a_network_that_needs_one_restores_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    blind = frame("000002", 0.02)
+    blind.hand_mask[:], blind.object_mask[:, 24:] = False, False  # its glass is a fifth as large
+    for one in (frame("000001", 0.02), blind):
+        write_frame(tmp_path / "data", one)
+    torch.manual_seed(0)
+    needing = "unet-hand", "hadr-plus"
+    for kind in (*needing, "hand-keypoints"):
+        network = NETWORKS[kind].network_class()(preset("tiny", kind).model)
+        save_checkpoint(tmp_path / f"{kind}.safetensors", network, {"width": 64, "height": 36})
+    told = ["--data", str(tmp_path / "data"), "--out", str(tmp_path / "table.json")]
+    words = [str(tmp_path / f"{kind}.safetensors") for kind in (*needing, "hand-keypoints")]
+    assert run(parse_options("evaluate", [*words[:2], *told, "--keypoints", words[2]])) == 0
+    written = json.loads((tmp_path / "table.json").read_text(encoding="utf-8"))
+    lines = capsys.readouterr().out.splitlines()
+    for kind in needing:
+        seen, unseen = written["per_frame"][kind]["rmse_m"]
+        assert written["rows"][kind]["restored"]["rmse_m"] == pytest.approx(seen)
+        assert unseen == pytest.approx(0.5, abs=1e-6), "all of it counts as depth 0"
+        shares = [line.split("|")[-2].strip() for line in lines if line.startswith(f"| {kind} ")]
+        assert shares == ["50.0", "83.3"], "of the frames, and of all pixels"
+    assert run(parse_options("evaluate", [words[2], *told])) == 0
+    written = json.loads((tmp_path / "table.json").read_text(encoding="utf-8"))
+    assert written["figures"]["hand-keypoints"]["seen"] == 0.5
 
 
 def test_networks_of_one_name_and_one_called_as_a_method_keep_rows_of_their_own(

@@ -18,6 +18,7 @@ from hadr.data.samples import samples_dir
 from hadr.experiments import runner
 from hadr.experiments.averages import paired, standard_error
 from hadr.experiments.runner import Bench, Run
+from hadr.experiments.scoring import EVALUATION_SIZE, cheap_depth, hand_offset, score_depth
 from hadr.experiments.systems import CHEAP, recipe_of
 from hadr.experiments.tables import write_tables
 from hadr.models.networks import NETWORKS
@@ -60,6 +61,13 @@ def test_the_table_has_every_finished_run(bench: Bench, tmp_path: Path) -> None:
     own = [error for stem, error in zip(stems, per_frame, strict=True) if stem[:4] == first]
     assert learned["by_object"][first] == pytest.approx(sum(own) / len(own))
     assert learned["rmse_m"] == pytest.approx(sum(per_frame) / 4)
+
+
+def test_the_hands_offset_is_learned_from_training_frames_and_lies_behind(bench: Bench) -> None:
+    run = Run("known", "hand-offset")
+    learned, test = (bench.frames(run, part, EVALUATION_SIZE) for part in ("train", "test"))
+    depth = cheap_depth(test, "hand-median") + hand_offset(learned)
+    assert bench.measure(run)["rmse_m"] == score_depth(depth, test).columns()["rmse_m"]
 
 
 def test_a_row_of_other_data_is_measured_again(bench: Bench) -> None:

@@ -64,6 +64,18 @@ def test_pooled_weighs_by_pixels(truth):
     assert found["pooled"]["mae_m"] == pytest.approx(0.03 * counts[0] / counts.sum(), rel=1e-4)
 
 
+def test_the_pooled_coverage_is_the_pixels_share_and_not_the_frames_mean(truth):
+    """The first glass is restored whole, of the second, a single row of it, nothing."""
+    two = truth.take([0, 1])
+    two.object_mask[1] &= torch.arange(126)[:, None] == two.object_mask[1].nonzero()[0, 0]
+    depth = two.true_depth.numpy().copy()
+    depth[1] = 0
+    counts = (two.object_mask & (two.true_depth > 0)).sum(dim=(1, 2)).tolist()
+    for scores in (score_depth(depth, two), score_depth(two.true_depth.numpy(), two, depth > 0)):
+        assert scores.columns()["coverage"] == 0.5
+        assert scores.pooled.coverage == counts[0] / sum(counts) > 0.9
+
+
 def test_frames_that_show_nothing_are_left_out(truth):
     hidden = truth.object_mask.clone()
     hidden[1] = False

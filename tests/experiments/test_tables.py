@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 
 from hadr.data.samples import samples_dir
 from hadr.experiments import runner
@@ -16,7 +17,9 @@ from hadr.experiments.again import measure_again
 from hadr.experiments.conditions import (
     BOTH,
     TRUE,
+    condition_frames,
     condition_of,
+    condition_rows,
     conditions_of,
     finished_condition,
     keypoints_given,
@@ -30,7 +33,8 @@ from hadr.experiments.tables import FILES, against_next, write_tables
 from hadr.press.paper_report import report
 from hadr.press.report import DEFAULT, ledger_table, tuning_table
 from hadr.records.result_file import read_result_file, seal_row, write_result_file
-from hadr.training.recipe import Preset
+from hadr.training.frames.batches import load_frames
+from hadr.training.recipe import Given, Preset
 
 BENCH = Bench([], Path("out"), "tiny")
 KEYPOINTS, MASKS = keypoints_given(BENCH), masks_given(BENCH)
@@ -189,6 +193,36 @@ def test_conditions_are_measured_once_and_sealed(made: tuple[Bench, Path]) -> No
     write_tables(bench, folder)
     with pytest.raises(ValueError, match="known/tode/seed-0 is not finished"):
         measure_condition(bench, Run("known", "tode"), name, KEYPOINTS[name])
+
+
+def test_a_sensors_depth_in_the_given_mask_is_erased_as_restore_does() -> None:
+    bench = Bench([samples_dir() / "frames"], Path("out"), "tiny", limit=4)
+    run, size = Run("known", "hadr"), (64, 36)
+    inputs = condition_frames(bench, run, size, Given("sensor")).inputs
+    seen = load_frames(bench.source(run, "test"), size, "sensor", keep_all=True).inputs.depth
+    assert (seen[inputs.mask] > 0).any()
+    assert torch.equal(inputs.depth, seen * ~inputs.mask)
+
+
+def test_a_condition_is_compared_with_all_true_and_with_hadr(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    errors = {
+        ("hadr", TRUE): [0.02, 0.03, 0.03],
+        ("hadr", "predicted keypoints"): [0.03, 0.03, 0.06],
+        ("hand-median", "predicted keypoints"): [0.04, 0.05, 0.93],  # lost in one frame
+    }
+
+    def finished(_: Bench, run: Run, name: str, __: Given) -> dict[str, Any] | None:
+        found = errors.get((run.method, name))
+        return found and {"per_frame": {"stems": ["a/0", "a/1", "a/2"], "rmse_m": found}}
+
+    monkeypatch.setattr("hadr.experiments.conditions.finished_condition", finished)
+    median, true, hadr = condition_rows(BENCH, "keypoints", {})
+    assert hadr["against_true"]["mean_difference_m"] == pytest.approx(0.04 / 3)
+    assert median["against_hadr"]["mean_difference_m"] == pytest.approx(0.30)
+    assert median["against_hadr"]["median_difference_m"] == pytest.approx(0.02)  # 1, 2, 87 cm
+    assert all("against_true" not in row for row in (median, true))
 
 
 def test_each_condition_is_listed_once() -> None:

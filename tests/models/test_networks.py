@@ -20,6 +20,13 @@ from hadr.training.presets import preset
 WITH_LITE = [kind for kind in DEPTH_NETWORKS if hasattr(NETWORKS[kind].config_class()(), "lite")]
 
 
+def with_lite(config: Any, **settings: Any) -> Any:
+    """Put an EfficientNet-Lite0, which normalises colours itself, into a configuration."""
+    alone = {"normalize_color": False} if hasattr(config, "normalize_color") else {}
+    lite = LiteConfig(stages=2, pretrained=False, **settings)
+    return replace(config, lite=lite, **alone)
+
+
 @pytest.fixture(
     scope="module", params=[*DEPTH_NETWORKS, *(f"{kind} with Lite0" for kind in WITH_LITE)]
 )
@@ -28,7 +35,7 @@ def network(request: pytest.FixtureRequest) -> nn.Module:
     kind, _, lite = request.param.partition(" ")
     config: Any = preset("tiny", kind).model
     if lite:
-        config = replace(config, lite=LiteConfig(stages=2, pretrained=False))
+        config = with_lite(config)
     made: nn.Module = NETWORKS[kind].network_class()(config)
     return made.eval()
 
@@ -107,9 +114,8 @@ def test_bytes_are_colours_and_a_frame_without_mask_keeps_its_depth(network, noi
 
 @pytest.mark.parametrize("kind", WITH_LITE)
 def test_slow_encoders_see_colour_and_learn(kind: str, noise_frames) -> None:
-    config: Any = preset("tiny", kind).model
+    config = with_lite(preset("tiny", kind).model, frozen=0)
     torch.manual_seed(0)
-    config = replace(config, lite=LiteConfig(stages=2, pretrained=False, frozen=0))
     network = NETWORKS[kind].network_class()(config).eval()
     (name, lite), *_ = NETWORKS[kind].encoders_of(network).items()
     assert name.endswith("lite")

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from hadr.confidence.calibration import within_learned
 from hadr.models.backbone import imagenet_normal
+from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.network_input import HADRInput
 from hadr.models.ray_features import features_at
 from hadr.rivals.lidf import LIDF, DilatedResNet, DilatedResNetConfig, LIDFConfig, Refinement
@@ -87,6 +88,12 @@ def test_the_colours_are_normalised_for_network_and_voxels_alike() -> None:
     assert torch.equal(plain(shown).depth, normal.depth)
     pixel = (inputs.depth[0] > 0).nonzero()[0]
     assert torch.allclose(taken[0][0], shown.color[0][:, pixel[0], pixel[1]])
+
+
+def test_colours_are_not_normalised_twice() -> None:
+    with pytest.raises(ValueError, match="normalize_color must be False with it, got True"):
+        LIDFConfig(lite=LiteConfig())
+    LIDFConfig(lite=LiteConfig(), normalize_color=False)
 
 
 def test_each_point_moves_along_its_ray_by_at_most_the_range() -> None:

@@ -15,7 +15,14 @@ from hadr.models.hadr import HADR
 from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
 from hadr.records.result_file import digest, read_result_file
 from hadr.training import calibrate_command as subject
-from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
+from hadr.training.calibrate import (
+    LEARNED,
+    MEASURED,
+    calibrate,
+    learn_ground,
+    measure_confidence,
+    restored_pixels,
+)
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint, update_record
 
 
@@ -69,10 +76,28 @@ def test_calibrating_says_what_it_was_fitted_on_and_makes_it_honest_there(model,
     assert found["mean_confidence"] == pytest.approx(found["share_right"], abs=0.05)
     assert found["oracle_rmse_at_90_m"] <= found["rmse_at_90_m"]
     assert found["rmse_m"] == pytest.approx(float(np.sqrt(np.mean(pixels.error_m**2))))
+    two = frames.take([0, 1])
+    fitted = calibrate(plus, frames, two, "two")["confidence"]["fitted_on"]
+    pixels = len(restored_pixels(plus, two, (near, far)).error_m)
+    assert fitted == {"frames": 2, "pixels": pixels, "of": "two"}
     silent = calibrate(model, frames, frames, "little frames")
     assert silent == {"learned_range": additions["learned_range"]}
     with pytest.raises(ValueError, match="cannot say how sure it is"):
         measure_confidence(rule, restored_pixels(model, frames), frames.stems)
+
+
+def test_limit_and_confidence_of_a_ground_are_of_validation_frames(plus, glass_frame) -> None:
+    def ground(*rows: int) -> dict:
+        return learn_ground(plus, (32, 24), "oracle", (0.3, 0.8), seen[:6], [seen[n] for n in rows])
+
+    seen = [glass_frame(f"{n:06d}", rows) for n, rows in enumerate((6, 7, 8, 9, 10, 12, 26, 28))]
+    seen = [replace(frame, raw_depth=frame.depth) for frame in seen]
+    alike, larger = ground(*range(6)), ground(6, 7)
+    for name in (LEARNED, MEASURED):
+        limits = [found["fields"][name]["limit"] for found in (alike, larger)]
+        assert limits[0] < limits[1], "the larger glasses of validation are in"
+    rules = [found["fields"][MEASURED]["confidence"] for found in (alike, larger)]
+    assert [rule["calibration"]["frames"] for rule in rules] == [6, 2]
 
 
 def test_the_command_adds_to_the_record_and_leaves_the_weights(plus, tmp_path, capsys) -> None:

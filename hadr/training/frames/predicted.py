@@ -25,6 +25,9 @@ from hadr.training.checkpoints import load_kind
 from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.recipe import TRUE, Given
 
+NEED_HAND = ("unet-hand", "hadr-plus")
+"""Kinds of networks that have no answer where no hand is known: they measure from its depth."""
+
 
 def open_split(
     folders: Sequence[str | Path], split: str, objects: Sequence[str] | None = None
@@ -46,12 +49,29 @@ def read_split(
     size: tuple[int, int],
     given: Given,
     objects: Sequence[str] | None = None,
+    network: str = "",
 ) -> FrameTensors | None:
-    """Read a split of some data folders, joined; None where none of them has it."""
+    """Read a split of some data folders, joined; None where none of them has it.
+
+    ValueError for a frame without a known hand, by its name, where the network is of a kind that
+    needs one.
+    """
     found = open_split(folders, split, objects)
     if found is None:
         return None
-    return load_given(found, size, given, progress=f"reading {split}")
+    frames = load_given(found, size, given, progress=f"reading {split}")
+    if network in NEED_HAND and not (known := hand_known(frames.inputs)).all():
+        lost = [stem for stem, one in zip(frames.stems, known.tolist(), strict=True) if not one]
+        raise ValueError(
+            f"{network} needs the hand, and of {len(lost)} of the {len(frames)} frames of split "
+            f"{split} no hand is known, the first is {lost[0]}"
+        )
+    return frames
+
+
+def hand_known(inputs: HADRInput) -> Tensor:
+    """Say where the keypoints' median depth is positive, (B,) bool; of a hand not found it is 0."""
+    return inputs.keypoints[:, :, 2].median(dim=1).values > 0
 
 
 def load_given(

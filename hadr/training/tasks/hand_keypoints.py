@@ -15,7 +15,7 @@ from torch.nn import functional
 
 from hadr.hand import FINGERS
 from hadr.models.hand.cube import HandCube
-from hadr.models.hand.keypoints import MAP_STRIDE, HandKeypointNet, hand_cube, predict_keypoints
+from hadr.models.hand.keypoints import MAP_STRIDE, HandKeypointNet, hand_cube, keypoints_where_seen
 from hadr.models.hand.weighted_regression import JointMaps, joints_of_maps, maps_of_joints
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.losses import mean_of
@@ -63,14 +63,21 @@ def losses(
 
 
 def validate(model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:
-    """Score the keypoints found in whole frames; the cube lies where the masks say."""
+    """Score the keypoints found in whole frames; the cube lies where the masks say.
+
+    Only frames that show enough of a hand are scored (`keypoints_where_seen`), all numbers are NaN
+    where none does; "validation_seen" is their share.
+    """
     network = cast(HandKeypointNet, model)
     device = next(model.parameters()).device
     found = []
     for batch in frames.batches(batch_size):
         part = batch.to(device)
-        found.append(predict_keypoints(network, part.inputs, part.hand_mask).cpu())
-    return keypoint_scores(torch.cat(found), frames.true_keypoints.cpu())
+        found.append(keypoints_where_seen(network, part.inputs, part.hand_mask).cpu())
+    keypoints = torch.cat(found)
+    seen = (keypoints != 0).flatten(1).any(dim=1)  # (N,)
+    scores = keypoint_scores(keypoints[seen], frames.true_keypoints.cpu()[seen])
+    return scores | {"validation_seen": float(seen.float().mean())}
 
 
 def _change(cube: HandCube, depth: Tensor, generator: torch.Generator) -> tuple[HandCube, Tensor]:

@@ -1,18 +1,19 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 
-from hadr.data.frame import Frame
+from hadr.data.frame import Frame, write_frame
 from hadr.data.samples import open_samples
 from hadr.models.hand.keypoints import HandKeypointNet
 from hadr.models.segmentation import SegmentationNet
 from hadr.training.checkpoints import save_checkpoint
 from hadr.training.frames import predicted
 from hadr.training.frames.batches import FrameTensors, load_frames
-from hadr.training.frames.predicted import pixels_of, with_predicted
+from hadr.training.frames.predicted import hand_known, pixels_of, read_split, with_predicted
 from hadr.training.presets import preset
 from hadr.training.recipe import Given
 
@@ -71,6 +72,7 @@ def test_each_helper_works_at_its_own_size(source, helpers, monkeypatch):
     assert (found.inputs.keypoints[:-1] != 0).any(dim=(1, 2)).all()
     assert not found.inputs.keypoints[-1].any()
     assert not found.inputs.keypoints_uv[-1].any()
+    assert found.hand_mask.flatten(1).any(dim=1).tolist() == [True] * 4 + [False]
 
 
 def test_the_same_keypoints_whatever_the_size_of_the_frames(source, helpers, monkeypatch):
@@ -103,6 +105,17 @@ def test_a_network_that_finds_nothing_at_all_is_refused(source, helpers, monkeyp
 def test_frames_of_another_source_are_refused(source, helpers):
     with pytest.raises(ValueError, match="is not in the source, or out of its order"):
         with_predicted(load_frames(source, SIZE), source[1:], Given("oracle", helpers[0]))
+
+
+def test_a_training_that_needs_the_hand_names_the_frame_without_one(tmp_path, helpers, glass_frame):
+    blind = glass_frame("000002")
+    for frame in (glass_frame(), replace(blind, hand_mask=blind.hand_mask & False)):
+        write_frame(tmp_path / "data", frame)
+    asked = [tmp_path / "data"], "train", SIZE, Given(keypoints=str(helpers[1]))
+    found = read_split(*asked, network="hadr")
+    assert hand_known(found.inputs).tolist() == [True, False]
+    with pytest.raises(ValueError, match=r"of 1 of the 2 frames .* the first is 0004/000002"):
+        read_split(*asked, network="unet-hand")
 
 
 def test_pixels_hand_computed() -> None:

@@ -1,5 +1,6 @@
 """The keypoint network's training: scores by hand, chance, empty hands."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -10,7 +11,7 @@ from hadr.models.blocks.resnet import UNetConfig
 from hadr.models.hand.keypoints import HandKeypointConfig
 from hadr.models.hand.weighted_regression import JointMaps, maps_of_joints
 from hadr.training.frames.batches import FrameTensors, blank_frames
-from hadr.training.loop import chance
+from hadr.training.loop import chance, train
 from hadr.training.recipe import Preset
 from hadr.training.tasks.hand_keypoints import keypoint_losses, keypoint_scores
 from hadr.training.tasks.task import Task
@@ -67,6 +68,7 @@ def test_a_score_of_whole_frames_is_the_same_in_any_batches() -> None:
     scores = task.validate(model, frames, 3)
     assert next(iter(scores)) == "validation_keypoints_m", "it decides which epoch is the best"
     assert scores == pytest.approx(task.validate(model, frames, 4), rel=1e-4)
+    assert scores["validation_seen"] == 1
 
 
 def test_scores_by_hand() -> None:
@@ -134,6 +136,16 @@ def test_a_hand_without_depth_does_not_count_and_does_not_stop_the_training() ->
     none = task.losses(model, blind.take([1]), 0, chance(0, 0, 0))
     assert float(none["loss"].detach()) == 0
     none["loss"].backward()
+    scores = task.validate(model, blind, 2)
+    one = task.validate(model, frames.take([0]), 1)
+    assert scores == pytest.approx({**one, "validation_seen": 0.5}, rel=1e-4)
+    unseen = task.validate(model, blind.take([1]), 1)
+    assert unseen.pop("validation_seen") == 0
+    assert all(math.isnan(value) for value in unseen.values())
+    (row,) = train(RECIPE, frames, blind, stop_after=1, progress=False).history
+    assert row["validation_seen"] == 0.5
+    with pytest.raises(ValueError, match="stop_after must be at least 1, got 0"):
+        train(RECIPE, frames, blind, stop_after=0, progress=False)
 
 
 def test_augmentation_follows_from_the_generator_alone() -> None:
