@@ -711,6 +711,14 @@ def test_chapter_13_says_how_far_off_the_glass_is() -> None:
     assert min(networks, key=lambda name: of[name]["within_2_cm"]) == "hadr"  # "misses most often"
 
 
+def test_chapter_13_says_how_often_rescoring_chooses_otherwise() -> None:
+    rows = read_result_file(RESULTS / "mini" / "handover_grasps.json").rows
+    for condition in ("hadr", "hadr-plus", "perfect"):
+        alike = [row["chosen_alike"] for row in rows
+                 if row["condition"] == condition and "chosen_alike" in row]  # fmt: skip
+        assert round(10 * (1 - np.mean(alike))) in (3, 4), condition  # "three to four of ten"
+
+
 def made_again(makings: Iterable[Mapping[str, str]]) -> dict[str, Any]:
     """Verdicts of the same attempts, made several times, as a row for `paired`: hold by hold."""
     return {
