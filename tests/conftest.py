@@ -61,12 +61,20 @@ def load_benchmark() -> Callable[[str], ModuleType]:
     return load
 
 
+HOLDS = (("0010", 922), ("0006", 920), ("0006", 921))
+"""Objects and holds of which the first usually succeeds; rounding may end an attempt otherwise."""
+
+
 @pytest.fixture(scope="session")
 def whole() -> object:
     """An attempt with perfect depth that succeeds, from the first picture to the goal."""
     from hadr.simulation.trials.trial import Trial, run_trial
 
-    return run_trial(Trial("0010", 922, "perfect"))
+    for object_id, hold in HOLDS:
+        run = run_trial(Trial(object_id, hold, "perfect"))
+        if run.outcome.verdict == "success":
+            return run
+    pytest.fail(f"no attempt succeeds, of {HOLDS}")
 
 
 @pytest.fixture(scope="session")

@@ -4,11 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hadr.handover import ur5
 from hadr.handover.grasping.collision import links_gaps, person
-from hadr.handover.guarded_arm import GuardedArm
+from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.observation import HandWatch
+from hadr.handover.poses import pose_distance
 from hadr.handover.safety import allowed_speed
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import HandoverConfig
@@ -57,6 +59,24 @@ def test_the_reference_moves_at_its_speed_and_does_not_run_ahead() -> None:
     arm.release()
     arm.hold(0.02)
     np.testing.assert_array_equal(told[-1], tool)
+    goal = tool.copy()
+    goal[:3, :3] = Rotation.from_euler("z", 1.0).as_matrix()
+    for _ in range(2):
+        arm.go(goal, 1.0, 0.02, factor=0.5)
+    turns = [pose_distance(tool, pose)[1] for pose in told[-2:]]
+    assert turns == pytest.approx([0.01, 0.02])  # half of 1 rad/s
+
+
+def test_a_nearly_singular_arm_may_only_get_less_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = iter([0.006, 0.004, 0.0045, 0.003])
+    arm = GuardedArm(SimulatedUR5(), HandoverConfig(), HandWatch(np.eye(4)))
+    monkeypatch.setattr(ur5, "singularity", lambda _: next(values))
+    arm.check_joints(0.0)
+    with pytest.raises(HaltError, match=r"the arm is singular: .* 0\.0040 and falling"):
+        arm.check_joints(0.02)
+    arm.check_joints(0.04)
+    with pytest.raises(HaltError, match=r"0\.0030 and falling"):
+        arm.check_joints(0.06)
 
 
 @pytest.mark.parametrize(("room", "may"), [(0.06, True), (0.04, False)])

@@ -1,5 +1,8 @@
 """The commanded motion: it arrives, and no step of it breaks a limit, whatever the target."""
 
+import re
+from itertools import product
+
 import mujoco
 import numpy as np
 import pytest
@@ -12,7 +15,7 @@ from hadr.handover.poses import between, pose_distance
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig, in_workspace
 from hadr.simulation.robot.arm_motion import LEAST_SINGULAR_VALUE, ArmMotion
-from hadr.simulation.robot.motion_limits import CLEARANCE, MARGIN
+from hadr.simulation.robot.motion_limits import CLEARANCE, MARGIN, MotionConfig
 
 DT = 0.02
 SOLVER = 1e-6 / DT
@@ -156,15 +159,60 @@ def test_no_target_breaks_a_limit(motion: ArmMotion, seed: int, spread: float) -
             assert nearest_links(motion) > CLEARANCE - 1e-3
 
 
+GRIPPER = ("left_finger", "right_finger", "bar", "palm")
+WRIST = ("wrist_1", "wrist_2", "wrist_3", *GRIPPER)
+APART = [
+    (("base", "shoulder", "shoulder_1"), ("forearm", *WRIST)),
+    (("upper_arm",), WRIST),
+    (("forearm", "forearm_1"), ("wrist_3", *GRIPPER)),
+    (("table",), ("forearm", "forearm_1", *WRIST)),
+]
+"""What must keep off what."""
+
+
 def nearest_links(motion: ArmMotion) -> float:
-    """Smallest distance of gripper and wrist to shoulder, upper arm and table, metres."""
+    """Smallest distance of what must keep off each other, metres, at most 0.1."""
     model, data = motion._configuration.model, motion._configuration.data
     gaps = [
-        mujoco.mj_geomDistance(model, data, model.geom(a).id, model.geom(b).id, 1.0, None)
-        for a in ("left_finger", "right_finger", "bar", "palm", "wrist_2")
-        for b in ("base", "shoulder", "shoulder_1", "upper_arm", "table")
+        mujoco.mj_geomDistance(model, data, model.geom(a).id, model.geom(b).id, 0.1, None)
+        for some, others in APART
+        for a, b in product(some, others)
     ]
     return min(gaps)
+
+
+@pytest.mark.parametrize(
+    ("joints", "group"),
+    [
+        ([2.7, -2.0, 2.4, 1.4, 2.0, -0.9], 0),
+        ([-0.6, -1.9, -2.6, 0.5, -1.3, 1.1], 1),
+        ([-2.0, -0.7, -2.7, 1.4, -2.6, -0.7], 2),
+        ([2.4, 0.1, -1.0, 3.1, -1.2, -2.0], 3),  # the forearm
+        ([2.5, -2.6, -1.3, -0.9, -0.1, 0.0], 3),  # the gripper
+    ],
+)
+def test_links_that_come_too_near_are_named(
+    motion: ArmMotion, joints: list[float], group: int
+) -> None:
+    motion.put(np.array(joints), np.zeros(6))
+    words = motion.rows.broken(motion._configuration)
+    named = re.fullmatch(r"(\w+) and (\w+) would be -?\d+ mm apart", words)
+    assert named
+    some, others = APART[group]
+    assert set(named.groups()) & set(some)
+    assert set(named.groups()) & set(others)
+
+
+def test_the_tool_turns_no_faster_than_it_may() -> None:
+    motion = ArmMotion(ArmConfig(speed_fraction=0.35), MotionConfig(turn_speed=0.5))
+    target = motion.pose()
+    target[:3, :3] = target[:3, :3] @ Rotation.from_euler("z", 1.0).as_matrix()
+    speeds = []
+    for _ in range(40):
+        before = motion.pose()
+        motion.advance(target, DT)
+        speeds.append(pose_distance(before, motion.pose())[1] / DT)
+    assert 0.45 < max(speeds) < 0.55
 
 
 def test_the_edge_of_the_workspace_holds_a_target_on_it(motion: ArmMotion) -> None:

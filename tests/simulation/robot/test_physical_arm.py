@@ -1,6 +1,7 @@
 """The arm with mass: it arrives, it keeps its limits, it refuses nonsense, it yields to a hand."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -162,18 +163,31 @@ def test_a_push_into_the_hand_stays_gentle(scene: HeldScene, speed: float, keypo
         if world.robot.protective_stop:
             break
     assert 2.0 < max(forces) < 20.0
-    if world.robot.protective_stop:
-        said = rf"\d\d?\.\d N on the arm, more than {PROTECTIVE_FORCE}"
-        assert re.match(said, world.robot.protective_stop)
-        stood = world.robot.tool_pose()
-        drive(world, start, 0.2)  # commands do nothing now
-        assert pose_distance(world.robot.tool_pose(), stood)[0] < 0.005
-        world.robot.release()
-        assert world.robot.protective_stop  # that is a person's business
-        drive(world, start, 4.7)
-        assert world.robot.protective_stop
-        drive(world, start, 12.0)  # a hand that still leans on it stops it once more
-        assert pose_distance(world.robot.tool_pose(), start)[0] < 0.005
+    said = rf"\d\d?\.\d N on the arm, more than {PROTECTIVE_FORCE}"
+    assert re.match(said, world.robot.protective_stop)
+    stood = world.robot.tool_pose()
+    drive(world, start, 0.2)  # commands do nothing now
+    assert pose_distance(world.robot.tool_pose(), stood)[0] < 0.005
+    world.robot.release()
+    assert world.robot.protective_stop  # that is a person's business
+    drive(world, start, 4.7)
+    assert world.robot.protective_stop
+    drive(world, start, 12.0)  # a hand that still leans on it stops it once more
+    assert pose_distance(world.robot.tool_pose(), start)[0] < 0.005
+
+
+def test_a_hand_that_comes_against_the_forearm_stops_the_arm(scene: HeldScene) -> None:
+    """The knuckles begin 15 cm above its middle and want to go 10 cm below it."""
+    wrist = scene.base_from_wrist.copy()
+    wrist[:3, 3] += World(scene)._data.geom("forearm").xpos - scene.keypoints[9] + [0, 0, 0.15]
+    world = World(replace(scene, base_from_wrist=wrist), lambda t: moved(np.eye(4), 0, 0, -0.2 * t))
+    assert world.state().hand_distance > 0.02
+    forces = []
+    while world.time < 1.25 and not world.robot.protective_stop:
+        world.step(0.02)
+        forces.append(world.state().hand_force)
+    assert world.robot.protective_stop
+    assert PROTECTIVE_FORCE < max(forces) < 20.0
 
 
 def test_the_wrist_feels_what_the_gripper_pushes(scene: HeldScene) -> None:

@@ -68,12 +68,12 @@ def test_attempts_are_paired_between_conditions() -> None:
 
 def test_a_finished_attempt_is_read_back(whole: Run, made: Counter[Trial], tmp_path: Path) -> None:
     trial = whole.trial
+    name, folder = trial.name, tmp_path / "perfect"
     (row,) = run_attempts([trial], tmp_path)
     assert row["verdict"] == "success"
     assert row["trial"] == json.loads(json.dumps(record_of(trial)))
-    assert sorted(p.name for p in (tmp_path / "perfect").iterdir()) == [
-        "0010-922-log.npz", "0010-922.json", "0010-922.npz",
-    ]  # fmt: skip
+    files = [f"{name}-log.npz", f"{name}.json", f"{name}.npz"]
+    assert sorted(p.name for p in folder.iterdir()) == files
     again, states, changes, scene = finished_attempt(tmp_path, trial)
     assert again == row
     assert tuple(changes) == whole.transitions
@@ -81,13 +81,13 @@ def test_a_finished_attempt_is_read_back(whole: Run, made: Counter[Trial], tmp_p
     np.testing.assert_array_equal(scene.base_from_wrist, whole.scene.base_from_wrist)
     assert len(states) == len(whole.states)
     np.testing.assert_allclose(states[-1].joints, whole.states[-1].joints, atol=1e-6)
-    log = read_run_log(tmp_path / "perfect" / "0010-922-log.npz")
+    log = read_run_log(folder / files[0])
     assert tuple(replay(log).transitions) == whole.transitions
-    with pytest.raises(FileNotFoundError, match=r"0010-922\.json is of another attempt"):
+    with pytest.raises(FileNotFoundError, match=rf"{name}\.json is of another attempt"):
         finished_attempt(tmp_path, replace(trial, seed=7))
-    with pytest.raises(FileNotFoundError, match=r"there is no finished attempt .*0010-923\.json"):
-        finished_attempt(tmp_path, replace(trial, hold_number=923))
-    path = tmp_path / "perfect" / "0010-922.json"
+    with pytest.raises(FileNotFoundError, match=rf"there is no finished attempt .*{name}9\.json"):
+        finished_attempt(tmp_path, replace(trial, hold_number=int(f"{trial.hold_number}9")))
+    path = folder / files[1]
     path.write_text(path.read_text().replace('"verdict": "success"', '"verdict": "drop"'))
     with pytest.raises(FileNotFoundError, match=r"changed by hand; hadr handover makes it again"):
         finished_attempt(tmp_path, trial)

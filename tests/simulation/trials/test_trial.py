@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hadr.camera import transform_points
 from hadr.handover.logs.replay import replay
@@ -15,7 +16,9 @@ from hadr.handover.poses import camera_at
 from hadr.handover.simulated_ur5 import TOOL_SPEED
 from hadr.handover.stages import ChosenGrasp, Stage, Transition
 from hadr.records.result_file import digest
+from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.camera.sight import Fault, broken_sight, keypoint_uncertainty
+from hadr.simulation.trials import trial as trial_module
 from hadr.simulation.trials.outcome import AFTER_TOUCH, Shown, believed_of
 from hadr.simulation.trials.trial import (
     ATTEMPT_CONFIG,
@@ -178,24 +181,58 @@ def test_the_guard_knows_how_far_off_keypoints_are(condition: str) -> None:
     assert run.log.header["config"]["human_uncertainty"] == pytest.approx(expected)
 
 
-STOPS: list[tuple[Fault, float, float, str]] = [
-    # what breaks, when, after how long the robot may still move on it, what it says
+def test_an_attempt_is_made_as_it_is_described(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept: dict[str, object] = {}
+    for name in ("motion_for", "GraspSelection"):
+        made = getattr(trial_module, name)
+        monkeypatch.setattr(
+            trial_module, name, lambda *a, made=made, **k: kept.update(k) or made(*a, **k)
+        )
+    impatient = replace(ATTEMPT_CONFIG, patience=0.05)
+    monkeypatch.setattr(trial_module, "ATTEMPT_CONFIG", impatient)
+    run = run_trial(
+        Trial(
+            "0004",
+            922,
+            "perfect-no-rescoring-no-tracking",
+            hand_speed=2.0,
+            restless=True,
+            turn_degrees=60.0,
+            extrinsics_error_deg=3.0,
+            time_limit=0.4,
+        )
+    )
+    turn = pytest.approx(np.pi / 3)
+    assert kept == {"speed": 2.0, "restless": True, "turn": turn, "rescoring": False}
+    assert run.log.header["config"]["tracking"] is False
+    believed = np.array(run.log.header["base_from_camera"])[:3, :3]
+    off = Rotation.from_matrix(RobotCamera().base_from_camera[:3, :3].T @ believed).magnitude()
+    assert np.rad2deg(off) == pytest.approx(3.0)
+    assert run.outcome.verdict == "gave up"
+
+
+STOPS: list[tuple[Fault, float | None, float, str]] = [
+    # what breaks, when (None: in the final move), how long the robot may still move, what it says
     ("no hand", 1.7, 0.3, r"^no hand seen for 0\.3. s: no hand in the picture$"),
     ("nan keypoints", 1.7, 0.3, r"^no hand seen for 0\.3. s: keypoints .*finite.*index_tip"),
     ("frozen keypoints", 1.7, 0.4, r"^keypoints frozen: the same in 5 pictures in a row$"),
     ("no frames", 1.7, 0.3, r"^the camera stopped: no new picture for 0\.3. s$"),
-    ("no hand", 3.8, 0.3, r"^no hand seen for 0\.3. s: no hand in the picture$"),
+    ("no hand", None, 0.3, r"^no hand seen for 0\.3. s: no hand in the picture$"),
 ]
 
 
 @pytest.mark.parametrize(("fault", "since", "limit", "reason"), STOPS)
 def test_broken_sight_stops_the_robot_in_time(
-    fault: Fault, since: float, limit: float, reason: str
+    fault: Fault, since: float | None, limit: float, reason: str, whole: Run
 ) -> None:
+    trial, stage = BROKEN, Stage.APPROACH_AND_REACT
+    if since is None:
+        trial, stage = whole.trial, Stage.GRASP_AND_RETRIEVE
+        since = 0.3 + next(t.time for t in whole.transitions if t.after is stage)
     latest = since + PICTURE + LATENCY + limit + STEP
-    run = run_trial(replace(BROKEN, time_limit=latest + 0.5), spoil=broken_sight(fault, since))
+    run = run_trial(replace(trial, time_limit=latest + 0.5), spoil=broken_sight(fault, since))
     stop = only_stop(run)
-    assert stop.before is (Stage.APPROACH_AND_REACT if since < 3 else Stage.GRASP_AND_RETRIEVE)
+    assert stop.before is stage
     assert since < stop.time <= latest + 1e-9
     assert re.search(reason, stop.reason)
     assert run.outcome.verdict == "time-out"
